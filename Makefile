@@ -1,0 +1,51 @@
+# Every target makes the virtual environment it needs; only Python 3.9+ and make have to be there.
+#   make demo        fit three organs in a synthetic pelvic MRI, pictures in build/demo
+#   make test        run the tests
+#   make lint        check style and format
+#   make benchmark   measure time and memory
+#   make reproduce   repeat the paper's validation, table and plots in build/reproduce
+#   make clean       remove everything made by the above
+
+PYTHON ?= python3
+RUFF := ruff==0.17.6
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check
+
+.PHONY: demo test lint benchmark reproduce clean
+
+demo: $(VENV)/pictures.stamp
+	$(BIN)/python -m VICRegistrationLib.demo build/demo
+
+test: $(VENV)/test.stamp
+	$(BIN)/python -m pytest -q
+
+lint: $(VENV)/lint.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+benchmark: $(VENV)/pictures.stamp
+	$(BIN)/python Testing/benchmarks/run.py
+
+reproduce: $(VENV)/pictures.stamp
+	$(BIN)/vic-registration reproduce build/reproduce
+
+clean:
+	rm -rf $(VENV) build .pytest_cache .ruff_cache VICRegistration/*.egg-info
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+# The interpreter is an order-only prerequisite: it is a link whose date is that of the system's Python.
+$(VENV)/pictures.stamp: pyproject.toml | $(BIN)/python
+	$(INSTALL) --editable '.[pictures]'
+	touch $@
+
+$(VENV)/test.stamp: pyproject.toml | $(BIN)/python
+	$(INSTALL) --editable '.[test]'
+	touch $@
+
+$(VENV)/lint.stamp: Makefile | $(BIN)/python
+	$(INSTALL) '$(RUFF)'
+	touch $@

@@ -1,0 +1,151 @@
+"""The files of the Slicer extension agree with each other, so that a build installs all of it."""
+
+from __future__ import annotations
+
+import ast
+import re
+import struct
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULE = ROOT / "VICRegistration"
+LIBRARY = MODULE / "VICRegistrationLib"
+PACKAGES = {"geometry", "imaging", "registration", "analysis", "export", "mrml", "gui"}
+SLICER_NAMES = {"slicer", "qt", "ctk", "SampleData", "MRMLCorePython"}
+ICONS = [ROOT / "Resources" / "VICRegistration.png", MODULE / "Resources" / "Icons" / "VICRegistration.png"]
+
+
+def cmake_list(name):
+    """The words of one set(...) command in the module's CMakeLists.txt."""
+    text = re.sub(r"#.*", "", (MODULE / "CMakeLists.txt").read_text())
+    return re.search(rf"set\({name}\s+([^)]*)\)", text).group(1).split()
+
+
+def files_below(folder, pattern):
+    found = (path for path in folder.rglob(pattern) if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(MODULE).as_posix() for path in found}
+
+
+def imported_names(path):
+    """Absolute dotted names of all that a file imports, wherever in the file it does so."""
+    package = path.relative_to(MODULE).with_suffix("").parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            base = [*above, *([node.module] if node.module else [])]
+            yield from (".".join([*base, alias.name]) for alias in node.names)
+
+
+def packages_imported_by(package):
+    """Packages of the library that the files of one of its packages import."""
+    for path in sorted((LIBRARY / package).rglob("*.py")):
+        for name in imported_names(path):
+            parts = name.split(".")
+            if parts[0] == "VICRegistrationLib" and len(parts) > 1 and parts[1] in PACKAGES:
+                yield path.name, parts[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "folder", "pattern"),
+    [("MODULE_PYTHON_SCRIPTS", MODULE, "*.py"), ("MODULE_PYTHON_RESOURCES", MODULE / "Resources", "*")],
+)
+def test_the_module_lists_every_file_once(name, folder, pattern):
+    listed = cmake_list(name)
+    files = files_below(folder, pattern)
+    differences = [f"add to {name}:      {file}" for file in sorted(files - set(listed))]
+    differences += [f"remove from {name}: {file}" for file in sorted(set(listed) - files)]
+    differences += [
+        f"listed twice in {name}: {file}" for file in sorted(set(listed)) if listed.count(file) > 1
+    ]
+    assert not differences, "\n" + "\n".join(differences)
+
+
+def test_every_package_has_its_init_file():
+    folders = {path.parent for path in LIBRARY.rglob("*.py")}
+    assert [folder.name for folder in sorted(folders) if not (folder / "__init__.py").is_file()] == []
+
+
+def test_only_the_module_file_lies_where_slicer_looks_for_modules():
+    assert [path.name for path in MODULE.glob("*.py")] == ["VICRegistration.py"]
+
+
+def test_the_extension_describes_itself():
+    text = (ROOT / "CMakeLists.txt").read_text()
+    assert re.search(r"^project\(VICRegistration\)$", text, re.MULTILINE)
+    for name in (
+        "HOMEPAGE",
+        "CATEGORY",
+        "CONTRIBUTORS",
+        "DESCRIPTION",
+        "ICONURL",
+        "SCREENSHOTURLS",
+        "DEPENDS",
+    ):
+        assert re.search(rf'^set\(EXTENSION_{name} "[^"]+"\)$', text, re.MULTILINE), name
+
+
+def test_the_extension_builds_and_packs_its_module():
+    text = (ROOT / "CMakeLists.txt").read_text()
+    commands = [
+        "cmake_minimum_required(",
+        "find_package(Slicer REQUIRED)",
+        "include(${Slicer_USE_FILE})",
+        "add_subdirectory(VICRegistration)",
+        "include(${Slicer_EXTENSION_GENERATE_CONFIG})",
+        "include(${Slicer_EXTENSION_CPACK})",
+    ]
+    places = [text.find(command) for command in commands]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_pictures_named_by_the_extension_exist():
+    urls = re.findall(
+        r"raw\.githubusercontent\.com/[^/]+/[^/]+/main/([^\s\"]+)", (ROOT / "CMakeLists.txt").read_text()
+    )
+    assert urls
+    assert [url for url in urls if not (ROOT / url).is_file()] == []
+
+
+@pytest.mark.parametrize("icon", ICONS, ids=["extension", "module"])
+def test_an_icon_has_128_by_128_pixels_and_transparency(icon):
+    header = icon.read_bytes()[:26]
+    assert header[:8] == b"\x89PNG\r\n\x1a\n"
+    # The first chunk of a PNG: width, height, bits per channel, and colour type, where 6 is RGBA.
+    assert struct.unpack(">IIBB", header[16:]) == (128, 128, 8, 6)
+
+
+def test_the_licence_is_apache_2():
+    text = (ROOT / "LICENSE").read_text()
+    assert text.split()[:4] == ["Apache", "License", "Version", "2.0,"]
+    assert "END OF TERMS AND CONDITIONS" in text
+
+
+@pytest.mark.parametrize(
+    ("package", "allowed"),
+    [
+        ("geometry", {"geometry"}),
+        ("imaging", {"imaging"}),
+        ("registration", {"registration", "geometry", "imaging"}),
+        ("analysis", PACKAGES - {"mrml", "gui"}),
+        ("export", PACKAGES - {"mrml", "gui"}),
+        ("mrml", PACKAGES - {"gui"}),
+    ],
+)
+def test_imports_point_one_way(package, allowed):
+    assert [found for found in packages_imported_by(package) if found[1] not in allowed] == []
+
+
+def test_only_mrml_and_gui_know_slicer():
+    known = [
+        (path.relative_to(LIBRARY).as_posix(), name)
+        for path in sorted(LIBRARY.rglob("*.py"))
+        if path.relative_to(LIBRARY).parts[0] not in {"mrml", "gui"}
+        for name in imported_names(path)
+        if name.split(".")[0] in SLICER_NAMES
+    ]
+    assert known == []
