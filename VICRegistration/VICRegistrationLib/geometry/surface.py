@@ -1,0 +1,286 @@
+"""A tensor-product B-spline surface (equation 1 of Jiang et al., Strain 2019)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import bspline
+
+# Two control points closer than this fraction of the net's size are one point: seams and poles.
+COINCIDENCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class BSplineSurface:
+    """B-spline surface S(u, v) = sum_i sum_j N_i,p(u) N_j,q(v) p_ij.
+
+    Parameters
+    ----------
+    degrees : (p, q)
+        Degrees in u and v, at least 1.
+    knots_u, knots_v : (n_u + p + 1,), (n_v + q + 1,) array_like
+        Knot vectors, ascending; clamped or not.
+    control_net : (n_u, n_v, 3) array_like
+        Control points p_ij, RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If knots, degrees and control net do not fit together or are not finite.
+
+    Notes
+    -----
+    The normal is that of S_u x S_v. The generic models are oriented so that it points outward.
+    """
+
+    degrees: tuple[int, int]
+    knots_u: np.ndarray
+    knots_v: np.ndarray
+    control_net: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the parts against each other and make the arrays read-only."""
+        p, q = self.degrees
+        knots_u = bspline.validated_knots(p, self.knots_u)
+        knots_v = bspline.validated_knots(q, self.knots_v)
+        net = np.array(self.control_net, dtype=float)
+        needed = (len(knots_u) - p - 1, len(knots_v) - q - 1, 3)
+        if net.shape != needed:
+            msg = f"A control net of shape {net.shape} was given; the degrees and knots need {needed}."
+            raise ValueError(msg)
+        if not np.isfinite(net).all():
+            msg = "The control net has points that are not finite; give coordinates in mm."
+            raise ValueError(msg)
+        for array in (knots_u, knots_v, net):
+            array.flags.writeable = False
+        object.__setattr__(self, "degrees", (int(p), int(q)))
+        object.__setattr__(self, "knots_u", knots_u)
+        object.__setattr__(self, "knots_v", knots_v)
+        object.__setattr__(self, "control_net", net)
+
+    @property
+    def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Parameter ranges ``((u_min, u_max), (v_min, v_max))``."""
+        return bspline.domain(self.degrees[0], self.knots_u), bspline.domain(self.degrees[1], self.knots_v)
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the control net's bounding box, mm."""
+        return float(np.linalg.norm(np.ptp(self.control_net.reshape(-1, 3), axis=0)))
+
+    def with_control_net(self, control_net: np.ndarray) -> BSplineSurface:
+        """Put the same degrees and knots over another control net, (n_u, n_v, 3) RAS mm."""
+        return replace(self, control_net=control_net)
+
+    def transformed(self, matrix: np.ndarray) -> BSplineSurface:
+        """Move the surface by a 4x4 affine matrix acting on RAS mm (exact for B-splines)."""
+        matrix = np.asarray(matrix, dtype=float)
+        return self.with_control_net(self.control_net @ matrix[:3, :3].T + matrix[:3, 3])
+
+    # ------------------------------------------------------------------ evaluation
+
+    def grid(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:
+        """Points, or a partial derivative, on the grid of all pairs of parameters.
+
+        Parameters
+        ----------
+        u : (m_u,) array_like
+        v : (m_v,) array_like
+            Parameters inside the domain.
+        du, dv : int
+            Orders of the derivative in u and v.
+
+        Returns
+        -------
+        (m_u, m_v, 3) ndarray
+            RAS mm (per parameter unit for derivatives).
+
+        Raises
+        ------
+        ValueError
+            If a parameter lies outside the domain.
+        """
+        n_u, n_v, _ = self.control_net.shape
+        basis_u = bspline.collocation(self.degrees[0], self.knots_u, u, du)
+        basis_v = bspline.collocation(self.degrees[1], self.knots_v, v, dv)
+        rows = (basis_u @ self.control_net.reshape(n_u, -1)).reshape(-1, n_v, 3)
+        columns = basis_v @ rows.transpose(1, 0, 2).reshape(n_v, -1)
+        return columns.reshape(-1, len(rows), 3).transpose(1, 0, 2)
+
+    def points(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:
+        """Points, or a partial derivative, at pairs of parameters.
+
+        Parameters
+        ----------
+        u, v : (n,) array_like
+            Parameters inside the domain.
+        du, dv : int
+            Orders of the derivative in u and v.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            RAS mm (per parameter unit for derivatives).
+
+        Raises
+        ------
+        ValueError
+            If a parameter lies outside the domain.
+        """
+        first_u, values_u = bspline.nonzero_basis(self.degrees[0], self.knots_u, u, du)
+        first_v, values_v = bspline.nonzero_basis(self.degrees[1], self.knots_v, v, dv)
+        i = first_u[:, None, None] + np.arange(values_u.shape[1])[None, :, None]
+        j = first_v[:, None, None] + np.arange(values_v.shape[1])[None, None, :]
+        return np.einsum("na,nb,nabk->nk", values_u, values_v, self.control_net[i, j])
+
+    def normals(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return unit normals at pairs of parameters; at a pole, the normal of the tangent plane.
+
+        Parameters
+        ----------
+        u, v : (n,) array_like
+            Parameters inside the domain.
+
+        Returns
+        -------
+        (n, 3) ndarray
+        """
+        u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
+        du, dv = self.points(u, v, du=1), self.points(u, v, dv=1)
+        cross = np.cross(du, dv)
+        flat = np.linalg.norm(du, axis=1) <= 1e-7 * self.size
+        if flat.any():
+            # Where S_u vanishes, S_u x S_v grows with the distance from the pole as S_uv x S_v.
+            mixed = np.cross(self.points(u[flat], v[flat], du=1, dv=1), dv[flat])
+            at_end = v[flat] > np.mean(self.domain[1])
+            cross[flat] = np.where(at_end[:, None], -mixed, mixed)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    # ------------------------------------------------------------------ topology
+
+    def _edge_points(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
+        """Control points of the two boundary curves across an axis, each (n, 3)."""
+        degree, knots = self.degrees[axis], (self.knots_u, self.knots_v)[axis]
+        ends = bspline.collocation(degree, knots, bspline.domain(degree, knots))
+        net = np.moveaxis(self.control_net, axis, 0)
+        first, last = (ends @ net.reshape(len(net), -1)).reshape(2, -1, 3)
+        return first, last
+
+    @property
+    def closed_u(self) -> bool:
+        """Whether the edges u_min and u_max are one curve: the seam."""
+        first, last = self._edge_points(0)
+        return bool(np.abs(first - last).max() <= COINCIDENCE * self.size)
+
+    @property
+    def closed_v(self) -> bool:
+        """Whether the edges v_min and v_max are one curve (a torus), not counting poles."""
+        first, last = self._edge_points(1)
+        return bool(np.abs(first - last).max() <= COINCIDENCE * self.size) and not any(self.poles)
+
+    @property
+    def poles(self) -> tuple[bool, bool]:
+        """Whether the edges v_min and v_max are single points."""
+        first, last = (np.ptp(edge, axis=0).max() <= COINCIDENCE * self.size for edge in self._edge_points(1))
+        return bool(first), bool(last)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the surface bounds a solid: a seam in u, and two poles or a seam in v."""
+        return self.closed_u and (all(self.poles) or self.closed_v)
+
+    # ------------------------------------------------------------------ exact operations
+
+    def insert_knots(self, *, u: np.ndarray = (), v: np.ndarray = ()) -> BSplineSurface:
+        """Insert knots without changing the surface.
+
+        Parameters
+        ----------
+        u, v : (r,) array_like
+            Knots to insert in each direction, repeated for higher multiplicity.
+
+        Returns
+        -------
+        BSplineSurface
+
+        Raises
+        ------
+        ValueError
+            If a knot lies outside the domain or its multiplicity would exceed the degree plus one.
+        """
+        knots_u, matrix_u = bspline.knot_insertion(self.degrees[0], self.knots_u, u)
+        knots_v, matrix_v = bspline.knot_insertion(self.degrees[1], self.knots_v, v)
+        n_u, n_v, _ = self.control_net.shape
+        rows = (matrix_u @ self.control_net.reshape(n_u, -1)).reshape(-1, n_v, 3)
+        columns = matrix_v @ rows.transpose(1, 0, 2).reshape(n_v, -1)
+        net = columns.reshape(-1, len(rows), 3).transpose(1, 0, 2)
+        return BSplineSurface(self.degrees, knots_u, knots_v, net)
+
+    def refined(self) -> BSplineSurface:
+        """Halve every span, without changing the surface, in both directions."""
+        middles = [
+            (limits[1:] + limits[:-1]) / 2.0
+            for limits in (
+                bspline.span_limits(self.degrees[0], self.knots_u),
+                bspline.span_limits(self.degrees[1], self.knots_v),
+            )
+        ]
+        return self.insert_knots(u=middles[0], v=middles[1])
+
+    def volume(self) -> float:
+        """Volume enclosed by a closed surface, mm^3; positive when the normals point outward.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ValueError
+            If the surface is not closed.
+
+        Notes
+        -----
+        Divergence theorem, V = 1/3 int S . (S_u x S_v) du dv. The integrand is a polynomial on every knot span, so the
+        Gauss quadrature is exact up to rounding.
+        """
+        if not self.closed:
+            msg = "The surface is open; a volume needs a closed surface (a seam and two poles, or two seams)."
+            raise ValueError(msg)
+        p, q = self.degrees
+        u, weights_u = bspline.gauss_points(p, self.knots_u, (3 * p + 1) // 2)
+        v, weights_v = bspline.gauss_points(q, self.knots_v, (3 * q + 1) // 2)
+        # About the net's centre, so that a surface far from the origin loses no digits.
+        offset = self.grid(u, v) - self.control_net.mean(axis=(0, 1))
+        cross = np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
+        return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, offset, cross) / 3.0)
+
+    def area(self, *, tolerance: float = 1e-9) -> float:
+        """Area of the surface, mm^2.
+
+        Parameters
+        ----------
+        tolerance : float
+            Relative change at which doubling the quadrature points stops.
+
+        Returns
+        -------
+        float
+
+        Notes
+        -----
+        The integrand |S_u x S_v| is not a polynomial; Gauss quadrature on every knot span is refined until it settles.
+        """
+        previous = None
+        for n_points in (6, 12, 24, 48):
+            u, weights_u = bspline.gauss_points(self.degrees[0], self.knots_u, n_points)
+            v, weights_v = bspline.gauss_points(self.degrees[1], self.knots_v, n_points)
+            cross = np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
+            area = float(weights_u @ np.linalg.norm(cross, axis=2) @ weights_v)
+            if previous is not None and abs(area - previous) <= tolerance * area:
+                break
+            previous = area
+        return area

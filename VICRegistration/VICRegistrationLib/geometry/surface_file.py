@@ -1,0 +1,208 @@
+"""Surfaces as JSON files that lose no bit.
+
+Schema ``vic-registration/surface``, version 1, one object with the keys
+
+=============== ========================================================================================
+``schema``      "vic-registration/surface"
+``version``     1
+``name``        name of the organ, may be empty
+``frame``       "RAS": right, anterior, superior
+``unit``        "mm"
+``net``         size in the paper's counting such as "9x7", may be empty
+``closure``     how seam and poles are closed, "smooth" or "paper", may be empty (an open surface)
+``degrees``     [p, q]
+``knots_u``     n_u + p + 1 ascending numbers
+``knots_v``     n_v + q + 1 ascending numbers
+``control_net`` n_u rows of n_v points [r, a, s]; ``control_net[i][j]`` is the control point p_ij
+=============== ========================================================================================
+
+Numbers are written with as many digits as bring the same double back. Other keys are ignored.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..files import replacing
+from .surface import BSplineSurface
+
+SCHEMA = "vic-registration/surface"
+VERSION = 1
+_TEXTS = ("name", "net", "closure")
+_KEYS = ("frame", "unit", *_TEXTS, "degrees", "knots_u", "knots_v", "control_net")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRecord:
+    """What a surface file holds.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        RAS mm.
+    name : str
+        Name of the organ.
+    net : str
+        Size in the paper's counting such as "9x7"; empty if unknown.
+    closure : str
+        "smooth" or "paper"; empty if unknown.
+    """
+
+    surface: BSplineSurface
+    name: str = ""
+    net: str = ""
+    closure: str = ""
+
+
+def write_surface(
+    surface: BSplineSurface, path: str | os.PathLike, *, name: str = "", net: str = "", closure: str = ""
+) -> None:
+    """Write a surface as JSON, replacing the file in one step.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        RAS mm.
+    path : path
+        File to write; its folder must exist.
+    name, net, closure : str
+        As in :class:`SurfaceRecord`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    content = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": name,
+        "frame": "RAS",
+        "unit": "mm",
+        "net": net,
+        "closure": closure,
+        "degrees": list(surface.degrees),
+        "knots_u": surface.knots_u.tolist(),
+        "knots_v": surface.knots_v.tolist(),
+        "control_net": surface.control_net.tolist(),
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
+    with replacing(path) as draft:
+        draft.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+def read_surface(path: str | os.PathLike) -> BSplineSurface:
+    """Read the surface of a file.
+
+    Parameters
+    ----------
+    path : path
+        File written by :func:`write_surface`.
+
+    Returns
+    -------
+    BSplineSurface
+        RAS mm.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the file is not a surface file that this version understands.
+    """
+    return read_surface_record(path).surface
+
+
+def read_surface_record(path: str | os.PathLike) -> SurfaceRecord:
+    """Read a surface with its name, net and closure.
+
+    Parameters
+    ----------
+    path : path
+        File written by :func:`write_surface`.
+
+    Returns
+    -------
+    SurfaceRecord
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the file is not a surface file that this version understands.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
+    except OSError as error:
+        msg = f"The surface file {path} cannot be read ({error.strerror}); give a file that exists."
+        raise OSError(msg) from error
+    except (ValueError, RecursionError) as error:
+        msg = f"The file {path} is not valid JSON ({error}); give a surface file as the program writes it."
+        raise ValueError(msg) from error
+    _check_header(content, path)
+    surface = _surface_of(content, path)
+    return SurfaceRecord(surface, **{key: content[key] for key in _TEXTS})
+
+
+def _refuse_constant(text: str) -> float:
+    msg = f"{text} is not a number"
+    raise ValueError(msg)
+
+
+def _check_header(content: object, path: Path) -> None:
+    """Refuse everything but this schema, version, frame and unit, with all keys."""
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        found = content.get("schema") if isinstance(content, dict) else None
+        msg = f"The file {path} has the schema {found!r}; {SCHEMA!r} is understood, give a surface file."
+        raise ValueError(msg)
+    version = content.get("version")
+    if isinstance(version, bool) or version != VERSION:
+        msg = f"The file {path} has version {version!r}; version {VERSION} is understood, update the program."
+        raise ValueError(msg)
+    missing = [key for key in _KEYS if key not in content]
+    if missing:
+        msg = f"The file {path} lacks {', '.join(missing)}; write the surface again with all keys."
+        raise ValueError(msg)
+    for key, needed in (("frame", "RAS"), ("unit", "mm")):
+        if content[key] != needed:
+            msg = f"The file {path} has the {key} {content[key]!r}; convert the surface to {needed!r}."
+            raise ValueError(msg)
+    for key in _TEXTS:
+        if not isinstance(content[key], str):
+            msg = f'The file {path} has a {key} that is not text; give text, or "" if it is unknown.'
+            raise ValueError(msg)
+
+
+def _surface_of(content: dict, path: Path) -> BSplineSurface:
+    """Build the surface below a checked header; every complaint names the file."""
+    rows = content["control_net"]
+    if not (_is_list_of(rows, list) and rows and all(_is_list_of(row, list) for row in rows)):
+        msg = f"The control net of {path} is not made of rows of points [r, a, s]; give n_u rows of n_v points."
+        raise ValueError(msg)
+    if any(len(row) != len(rows[0]) for row in rows) or any(len(point) != 3 for row in rows for point in row):
+        msg = f"The control net of {path} is ragged; give rows of equal length and three coordinates per point."
+        raise ValueError(msg)
+    numbers = {key: content[key] for key in ("degrees", "knots_u", "knots_v")}
+    numbers["control_net"] = [number for row in rows for point in row for number in point]
+    for key, values in numbers.items():
+        if not isinstance(values, list) or any(type(value) not in (int, float) for value in values):
+            msg = f"The {key.replace('_', ' ')} of {path} holds something that is no number; give numbers only."
+            raise ValueError(msg)
+    if len(content["degrees"]) != 2:
+        msg = f"The file {path} has {len(content['degrees'])} degrees; give two, in u and in v."
+        raise ValueError(msg)
+    try:
+        return BSplineSurface(tuple(content["degrees"]), content["knots_u"], content["knots_v"], rows)
+    except (ValueError, OverflowError) as error:
+        msg = f"The file {path} holds no surface: {error}"
+        raise ValueError(msg) from error
+
+
+def _is_list_of(value: object, kind: type) -> bool:
+    return isinstance(value, list) and all(isinstance(item, kind) for item in value)

@@ -1,0 +1,289 @@
+"""Validity of a surface as the boundary of a solid: poles, normals, self-intersection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from . import bspline
+from .surface import BSplineSurface
+from .triangulation import triangulate
+
+# Samples of the normals in u and in v at least: some six degrees of the turn around an organ each.
+_LEAST_SAMPLES = (64, 40)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One reason why a surface is not a valid organ.
+
+    Parameters
+    ----------
+    kind : {"open", "folded pole", "flipped normal", "self-intersection"}
+    message : str
+        One sentence: what is wrong, where, and what to do.
+    parameters : (u, v)
+        Where on the surface.
+    point : (r, a, s)
+        The same place, RAS mm.
+    """
+
+    kind: str
+    message: str
+    parameters: tuple[float, float]
+    point: tuple[float, float, float]
+
+
+def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tuple[Problem, ...]:
+    """Look for everything that keeps a surface from bounding a solid.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+    require_closed : bool
+        Whether an open surface is a problem too.
+
+    Returns
+    -------
+    tuple of Problem
+        Empty for a valid surface; otherwise one place of each kind, and each folded pole. A fold brings
+        flipped normals and intersections with it, so normals are judged only where no pole is folded, and
+        intersections are looked for only where no normal is flipped.
+
+    Notes
+    -----
+    Poles and normals are judged on samples of the exact surface, intersections on a triangulation that is
+    made twice as fine to confirm them. Faults smaller than the spacing of the samples (about 1/50 of the way
+    around) may be missed.
+    """
+    problems = []
+    if require_closed and not surface.closed:
+        problems.append(_open_problem(surface))
+    poles = [_pole_problem(surface, end) for end in (0, 1) if surface.poles[end]]
+    poles = [problem for problem in poles if problem]
+    folds = poles or [problem for problem in (_normal_problem(surface),) if problem]
+    if not folds:
+        folds = [problem for problem in (_intersection_problem(surface),) if problem]
+    return tuple(problems + folds)
+
+
+def validate(surface: BSplineSurface, *, require_closed: bool = True) -> None:
+    """Raise the first problem of a surface.
+
+    Parameters
+    ----------
+    surface, require_closed
+        As in :func:`check_surface`.
+
+    Raises
+    ------
+    ValueError
+        With the message of the first problem, if there is any.
+    """
+    problems = check_surface(surface, require_closed=require_closed)
+    if problems:
+        raise ValueError(problems[0].message)
+
+
+def _problem(surface: BSplineSurface, kind: str, u: float, v: float, wrong: str, remedy: str) -> Problem:
+    """Build a problem at a place; ``{place}`` in the sentence stands for that place."""
+    r, a, s = (float(x) for x in surface.points([u], [v])[0])
+    place = f"R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})"
+    return Problem(kind, f"{wrong.format(place=place)}; {remedy}.", (float(u), float(v)), (r, a, s))
+
+
+def _open_problem(surface: BSplineSurface) -> Problem:
+    """Say which edge is open, at the middle of that edge."""
+    (u_low, u_high), (v_low, v_high) = surface.domain
+    remedy = "a solid needs a seam and two poles, so start from a closed generic model"
+    if not surface.closed_u:
+        middle = (v_low + v_high) / 2.0
+        return _problem(surface, "open", u_low, middle, "The surface is open along {place}", remedy)
+    v = v_high if surface.poles[0] else v_low
+    return _problem(surface, "open", (u_low + u_high) / 2.0, v, "The surface has a rim at {place}", remedy)
+
+
+# ------------------------------------------------------------------ poles
+
+
+def _pole_problem(surface: BSplineSurface, end: int) -> Problem | None:
+    """Judge a pole by the directions in which the surface leaves it: once round it, always forward."""
+    v = surface.domain[1][end]
+    u = _samples(surface, 0, 16 * surface.control_net.shape[0], middles=False)
+    leaving = surface.grid(u, [v], dv=1)[:, 0] * (1.0, -1.0)[end]
+    faulty = _faulty_turn(leaving)
+    ring = surface.control_net[:, (1, -2)[end]] - surface.points(u[:1], [v])[0]
+    if faulty is None and np.ptp(surface.control_net[:, (0, -1)[end]], axis=0).max() <= 1e-9 * surface.size:
+        faulty = _faulty_turn(ring)
+        u = bspline.greville_abscissae(surface.degrees[0], surface.knots_u)
+    if faulty is None:
+        return None
+    return _problem(
+        surface,
+        "folded pole",
+        u[faulty],
+        v,
+        "The pole at {place} is folded, because the control points next to it do not go round it just once",
+        "move them apart around the pole, or start again from a generic model",
+    )
+
+
+def _faulty_turn(offsets: np.ndarray) -> int | None:
+    """Find the least forward turn of offsets (n, 3) that shall go round once; None if they do."""
+    size = np.linalg.norm(offsets, axis=1)
+    _, singular, axes = np.linalg.svd(offsets, full_matrices=False)
+    if size.min() <= 1e-6 * size.max() or singular[1] <= 1e-6 * singular[0]:
+        return int(np.argmin(size))
+    x, y = offsets @ axes[0], offsets @ axes[1]
+    turns = np.arctan2(x[:-1] * y[1:] - y[:-1] * x[1:], x[:-1] * x[1:] + y[:-1] * y[1:])
+    turns = turns if turns.sum() >= 0.0 else -turns
+    apart = np.linalg.norm(np.diff(offsets, axis=0), axis=1) > 1e-9 * size.max()
+    if (turns[apart] <= 0.0).any() or abs(turns.sum() - 2.0 * np.pi) > 1e-3:
+        return int(np.argmin(np.where(apart, turns, np.inf)))
+    return None
+
+
+# ------------------------------------------------------------------ normals
+
+
+def _samples(surface: BSplineSurface, axis: int, least: int, *, middles: bool = True) -> np.ndarray:
+    """Parameters along an axis, equally many in every span: middles of equal steps, or their ends."""
+    limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
+    per_span = max(4, -(-least // (len(limits) - 1)))
+    fractions = (np.arange(per_span) + (0.5 if middles else 0.0)) / per_span
+    inner = (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
+    return inner if middles else np.append(inner, limits[-1])
+
+
+def _normal_problem(surface: BSplineSurface) -> Problem | None:
+    """Look for places where S_u x S_v vanishes or turns over, then for a surface that is inside out."""
+    u, v = (_samples(surface, axis, _LEAST_SAMPLES[axis]) for axis in (0, 1))
+    cross = np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1))
+    length = np.linalg.norm(cross, axis=2)
+    smallest = np.unravel_index(np.argmin(length), length.shape)
+    area_scale = surface.size**2 / np.prod(np.ptp(surface.domain, axis=1))
+    remedy = "smooth the control net there, or raise the bending weight"
+    if length[smallest] <= 1e-9 * area_scale:
+        wrong = "The surface has no normal at {place}, because its control points coincide or lie in one line"
+        return _problem(surface, "flipped normal", u[smallest[0]], v[smallest[1]], wrong, remedy)
+    place = _overturned(surface, u, v, cross / length[..., None])
+    if place:
+        return _problem(surface, "flipped normal", *place, "The surface is folded over at {place}", remedy)
+    if surface.closed and not surface.volume() > 0.0:
+        wrong = "The surface is inside out, as its normal at {place} points inward"
+        remedy = "reverse the order of the control net's rows"
+        return _problem(surface, "flipped normal", u[len(u) // 2], v[len(v) // 2], wrong, remedy)
+    return None
+
+
+def _overturned(surface: BSplineSurface, u, v, normals) -> tuple[float, float] | None:
+    """Find where neighbouring normals point to opposite sides however close the neighbours are."""
+    suspects = []
+    for axis, values in ((0, u), (1, v)):
+        knots, degree = (surface.knots_u, surface.knots_v)[axis], surface.degrees[axis]
+        first, second = np.moveaxis(normals, axis, 0)[:-1], np.moveaxis(normals, axis, 0)[1:]
+        between = np.searchsorted(knots, values[1:]) - np.searchsorted(knots, values[:-1])
+        # An edge where the surface is only continuous may be sharp, but not folded flat.
+        limit = np.where(between >= degree, -0.99, 0.0)[:, None]
+        turned = np.einsum("ijk,ijk->ij", first, second) < limit
+        i, j = np.nonzero(turned)
+        start = (u[i], v[j]) if axis == 0 else (u[j], v[i])
+        stop = (u[i + 1], v[j]) if axis == 0 else (u[j], v[i + 1])
+        suspects.append(np.stack([np.column_stack(start), np.column_stack(stop)], axis=1))
+    suspects = np.concatenate(suspects)
+    if not len(suspects):
+        return None
+    fractions = np.linspace(0.0, 1.0, 65)[:, None]
+    fine = suspects[:, :1] * (1.0 - fractions) + suspects[:, 1:] * fractions
+    dense = surface.normals(*fine.reshape(-1, 2).T).reshape(len(suspects), -1, 3)
+    cosines = np.einsum("ijk,ijk->ij", dense[:, :-1], dense[:, 1:])
+    worst, step = np.unravel_index(np.argmin(cosines), cosines.shape)
+    return tuple(fine[worst, step]) if cosines[worst, step] < 0.0 else None
+
+
+# ------------------------------------------------------------------ self-intersection
+
+
+def _intersection_problem(surface: BSplineSurface) -> Problem | None:
+    """Look for triangles that cross without being neighbours."""
+    resolution = _even_resolution(surface)
+    mesh = triangulate(surface, resolution=resolution)
+    pairs = _crossing_triangles(mesh.points, mesh.triangles)
+    if not len(pairs):
+        return None
+    corners = mesh.points[mesh.triangles[pairs]].reshape(-1, 3)
+    mesh = triangulate(surface, resolution=tuple(2 * number for number in resolution))
+    # Only the surroundings of what was found are worth the finer look.
+    margin = np.ptp(corners[:3], axis=0).max()
+    inside = (mesh.points >= corners.min(axis=0) - margin) & (mesh.points <= corners.max(axis=0) + margin)
+    triangles = mesh.triangles[inside.all(axis=1)[mesh.triangles].any(axis=1)]
+    pairs = _crossing_triangles(mesh.points, triangles)
+    if not len(pairs):
+        return None
+    centers = mesh.points[triangles[pairs[:, 0]]].mean(axis=1)
+    typical = np.argmin(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
+    first, second = mesh.parameters[triangles[pairs[typical], 0]]
+    return _problem(
+        surface,
+        "self-intersection",
+        *first,
+        f"The surface passes through itself at {{place}}, where it meets the part about u {second[0]:.3g}, "
+        f"v {second[1]:.3g}",
+        "separate the organ's parts more clearly, or raise the bending weight",
+    )
+
+
+def _even_resolution(surface: BSplineSurface) -> tuple[int, int]:
+    """Choose numbers of intervals for triangles about as long as wide, at least four in every span."""
+    grid = surface.grid(*(_samples(surface, axis, 1, middles=False) for axis in (0, 1)))
+    lengths = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).sum(axis=axis).max() for axis in (0, 1)]
+    edge = np.sqrt(lengths[0] * lengths[1] / (_LEAST_SAMPLES[0] * _LEAST_SAMPLES[1]))
+    return tuple(max(size - 1, int(np.ceil(length / edge))) for size, length in zip(grid.shape, lengths))
+
+
+def _crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Pairs of triangles without a common vertex that cross each other, (m, 2)."""
+    corners = points[triangles]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    middle = (low + high) / 2.0
+    reach = np.linalg.norm(high - low, axis=1).max()
+    pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray")
+    a, b = pairs.T
+    for k in range(3):
+        overlap = (low[a, k] <= high[b, k]) & (low[b, k] <= high[a, k])
+        a, b = a[overlap], b[overlap]
+    shared = (triangles[a][:, :, None] == triangles[b][:, None, :]).any(axis=(1, 2))
+    a, b = a[~shared], b[~shared]
+    crossing = np.zeros(len(a), dtype=bool)
+    # Either triangle lies on one side of the other's plane for nearly all pairs.
+    both = _straddles(corners[a], corners[b]) & _straddles(corners[b], corners[a])
+    near = np.flatnonzero(both)
+    crossing[near] = _edges_cross(corners[a[near]], corners[b[near]])
+    crossing[near] |= _edges_cross(corners[b[near]], corners[a[near]])
+    return np.column_stack([a[crossing], b[crossing]])
+
+
+def _straddles(triangles: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether the corners of the other triangles lie on both sides of the triangles' planes."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    heights = np.einsum("nik,nk->ni", others - triangles[:, :1], normal)
+    return (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)
+
+
+def _edges_cross(triangles: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Whether an edge of the other triangle goes through the inside of the triangle, by signs of volumes."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    crossing = np.zeros(len(triangles), dtype=bool)
+    for k in range(3):
+        p, q = others[:, k], others[:, (k + 1) % 3]
+        through = _volume(p, a, b, c) * _volume(q, a, b, c) < 0.0
+        sides = np.sign([_volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)]).sum(axis=0)
+        crossing |= through & (np.abs(sides) == 3.0)
+    return crossing
+
+
+def _volume(a, b, c, d):
+    """Six times the signed volume of tetrahedra."""
+    return np.einsum("nk,nk->n", np.cross(b - a, c - a), d - a)
