@@ -1,0 +1,270 @@
+"""Whatever is wrong with an image, a seed or a threshold, the message says what it is and what to do."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from VICRegistrationLib.imaging import reading
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.moments import moments
+from VICRegistrationLib.imaging.morphology import erode
+from VICRegistrationLib.imaging.reading import read_image, write_image
+from VICRegistrationLib.imaging.separation import Region, region_from_mask, separate
+from VICRegistrationLib.imaging.threshold import suggest_threshold
+
+
+@pytest.fixture
+def image():
+    """A bright block of 20 x 20 x 12 mm with a thin fin along i, in a darker volume of 1 mm voxels."""
+    levels = np.full((20, 40, 50), 50, dtype=np.int16)
+    levels[4:16, 10:30, 8:28] = 200
+    levels[9:11, 20:22, 28:44] = 200
+    return Image(levels, np.eye(4))
+
+
+def refused(action, *needed):
+    """Check that the action is refused in one line that holds the needed words."""
+    with pytest.raises((ValueError, OSError)) as caught:
+        action()
+    message = str(caught.value)
+    assert "\n" not in message
+    for words in needed:
+        assert words in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("array", "needed"),
+    [
+        (np.zeros((1, 30, 30)), ("30 x 30 x 1 voxels", "several slices")),
+        (np.zeros((4, 4)), ("2 dimensions", "three")),
+        (np.zeros((2, 3, 4, 5)), ("4 dimensions", "one frame")),
+        (np.zeros((3, 3, 3), dtype=complex), ("complex128", "real numbers")),
+        (np.full((3, 3, 3), "x"), ("real numbers",)),
+    ],
+)
+def test_arrays_that_are_not_volumes(array, needed):
+    refused(lambda: Image(array, np.eye(4)), *needed)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_voxels_without_a_grey_level_are_counted(value):
+    array = np.zeros((3, 4, 5), dtype=np.float32)
+    array[1, 1, 1:4] = value
+    refused(lambda: Image(array, np.eye(4)), "3 of the image's 60 voxels", "not finite", "Replace")
+
+
+@pytest.mark.parametrize(
+    ("matrix", "needed"),
+    [
+        (np.eye(3), ("shape (3, 3)", "4 x 4")),
+        (np.diag([1.0, 0.0, 1.0, 1.0]), ("cannot be inverted", "spacing")),
+        ([[1, 1, 0, 0], [1, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], ("cannot be inverted",)),
+        (np.diag([1.0, np.nan, 1.0, 1.0]), ("not finite",)),
+        (np.diag([1.0, 1.0, 1.0, 2.0]), ("last row",)),
+        ("identity", ("4 x 4",)),
+    ],
+)
+def test_matrices_that_place_nothing(matrix, needed):
+    refused(lambda: Image(np.zeros((2, 2, 2)), matrix), *needed)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    refused(lambda: read_image(tmp_path / "none.nii"), "no file or folder", "none.nii")
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "notes.nii", "empty.nrrd", "empty.nii.gz", "notes.dcm"])
+def test_a_file_that_is_no_image(tmp_path, name):
+    (tmp_path / name).write_text("" if "empty" in name else "hello " * 100)
+    refused(lambda: read_image(tmp_path / name), name, "cannot be read as an image", "complete")
+
+
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz", ".nrrd", ".mha"])
+def test_a_file_cut_short(tmp_path, suffix):
+    path = tmp_path / f"image{suffix}"
+    noise = np.random.default_rng(0).integers(0, 1000, (20, 30, 40)).astype(np.int16)
+    write_image(Image(noise, np.eye(4)), path)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    refused(lambda: read_image(path), f"image{suffix}", "c")
+
+
+def test_a_colour_image(tmp_path):
+    sitk.WriteImage(sitk.Image([5, 5, 5], sitk.sitkVectorUInt8, 3), str(tmp_path / "colour.nrrd"))
+    refused(lambda: read_image(tmp_path / "colour.nrrd"), "3 values per voxel", "colour", "grey-level")
+
+
+def test_a_sequence_of_volumes(tmp_path):
+    sitk.WriteImage(sitk.Image([5, 5, 5, 7], sitk.sitkInt16), str(tmp_path / "cine.nii"))
+    refused(lambda: read_image(tmp_path / "cine.nii"), "4 dimensions", "7 frames", "one volume")
+
+
+@pytest.mark.parametrize("size", [[9, 8], [9, 8, 1]])
+def test_a_single_slice(tmp_path, size):
+    sitk.WriteImage(sitk.Image(size, sitk.sitkInt16), str(tmp_path / "slice.nrrd"))
+    refused(lambda: read_image(tmp_path / "slice.nrrd"), "single slice", "several slices")
+
+
+def test_a_file_with_nan(tmp_path):
+    array = np.zeros((3, 4, 5), dtype=np.float32)
+    array[0, 0, 0] = np.nan
+    sitk.WriteImage(sitk.GetImageFromArray(array), str(tmp_path / "nan.nrrd"))
+    refused(lambda: read_image(tmp_path / "nan.nrrd"), "nan.nrrd", "1 of the image's 60 voxels")
+
+
+def test_a_folder_without_dicom(tmp_path):
+    (tmp_path / "readme.txt").write_text("nothing here")
+    refused(lambda: read_image(tmp_path), "holds no DICOM slices")
+
+
+def test_a_series_of_a_file(tmp_path):
+    sitk.WriteImage(sitk.Image([4, 4, 4], sitk.sitkInt16), str(tmp_path / "image.nrrd"))
+    refused(lambda: read_image(tmp_path / "image.nrrd", series="1.2"), "is a file", "folder")
+
+
+def test_an_unknown_ending(image, tmp_path):
+    refused(lambda: write_image(image, tmp_path / "image.png"), "image.png", ".nii.gz, .nii, .nrrd, .mha")
+
+
+def test_a_folder_that_is_not_there(image, tmp_path):
+    refused(lambda: write_image(image, tmp_path / "none" / "image.nii"), "does not exist", "create it")
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user who may not write everywhere")
+def test_a_folder_that_may_not_be_written_to(image, tmp_path):
+    tmp_path.chmod(0o500)
+    refused(lambda: write_image(image, tmp_path / "image.nrrd"), "cannot be written", "may be written to")
+
+
+@pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd"])
+def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(image, tmp_path, suffix):
+    target = tmp_path / f"image{suffix}"
+    target.mkdir()
+    refused(lambda: write_image(image, target), "cannot be written")
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_full_disk_leaves_the_old_file(image, tmp_path, monkeypatch):
+    path = tmp_path / "image.nii"
+    write_image(image, path)
+    before = path.read_bytes()
+
+    def write_half(volume, name, **options):
+        sitk.WriteImage(volume, name, **options)
+        with open(name, "r+b") as file:
+            file.truncate(len(before) // 2)
+
+    class FullDisk:
+        """SimpleITK on a full disk: its NIfTI writer cuts the file short and reports nothing."""
+
+        def __getattr__(self, name):
+            return write_half if name == "WriteImage" else getattr(sitk, name)
+
+    monkeypatch.setattr(reading, "sitk", FullDisk())
+    changed = Image(image.array + np.int16(1), image.ijk_to_ras)
+    refused(lambda: write_image(changed, path), "not complete", "disk has room")
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_axes_that_are_not_perpendicular_are_not_written(tmp_path):
+    sheared = np.eye(4)
+    sheared[0, 2] = 0.3
+    image = Image(np.zeros((3, 3, 3)), sheared)
+    refused(lambda: write_image(image, tmp_path / "image.nrrd"), "not perpendicular", "resample")
+
+
+@pytest.mark.parametrize(
+    ("seeds", "needed"),
+    [
+        ([], ("at least one point",)),
+        ([[1, 2]], ("shape (1, 2)", "R, A, S")),
+        (np.zeros((2, 2, 3)), ("at least one point",)),
+        ("bladder", ("at least one point",)),
+        ([[np.nan, 0, 0]], ("not finite",)),
+        ([[18, 20, 10], [70, 20, 10]], ("70.0, 20.0, 10.0", "outside the volume", "R -0.5 to 49.5")),
+    ],
+)
+def test_seeds_that_are_not_in_the_volume(image, seeds, needed):
+    refused(lambda: separate(image, seeds), *needed)
+    refused(lambda: suggest_threshold(image, seeds), *needed)
+
+
+def test_a_seed_outside_the_threshold(image):
+    refused(
+        lambda: separate(image, [3, 3, 3], threshold=(100, 300)),
+        "(3.0, 3.0, 3.0) mm is 50, outside the threshold 100 to 300",
+        "move the seed",
+    )
+
+
+@pytest.mark.parametrize(
+    ("threshold", "needed"),
+    [
+        ((300, 100), ("300 to 100 is empty",)),
+        ((np.nan, 100), ("nan to 100 is empty",)),
+        ((100,), ("two grey levels",)),
+        (100, ("two grey levels",)),
+        ("bright", ("two grey levels",)),
+        ((400, 500), ("outside the threshold 400 to 500",)),
+    ],
+)
+def test_thresholds_that_hold_nothing(image, threshold, needed):
+    refused(lambda: separate(image, [18, 20, 10], threshold=threshold), *needed)
+
+
+def test_a_seed_lost_by_erosion(image):
+    message = refused(
+        lambda: separate(image, [40, 20, 10], threshold=(100, 300), erosion=3.0),
+        "erosion of 3 mm leaves nothing around the seed (40.0, 20.0, 10.0) mm",
+        "Use an erosion below",
+    )
+    below = float(message.split("below ")[1].split(" mm")[0])
+    separate(image, [40, 20, 10], threshold=(100, 300), erosion=0.9 * below)
+
+
+@pytest.mark.parametrize("option", ["erosion", "dilation"])
+@pytest.mark.parametrize("radius", [-1, np.nan, np.inf])
+def test_radii_that_are_no_lengths(image, option, radius):
+    refused(lambda: separate(image, [18, 20, 10], **{option: radius}), option, "zero or a positive length")
+
+
+def test_a_radius_that_is_no_length(image):
+    refused(lambda: erode(image.array > 100, image.spacing, -2), "radius is -2 mm")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("level", [0, 77])
+def test_a_constant_image(dtype, level):
+    image = Image(np.full((10, 20, 20), level, dtype=dtype), np.eye(4))
+    refused(lambda: suggest_threshold(image, [10, 10, 5]), "No edge of an organ", "give the threshold")
+    refused(lambda: separate(image, [10, 10, 5]), "No edge of an organ", f"grey level {level}")
+
+
+def test_a_region_that_leaks_over_the_volume(image):
+    refused(
+        lambda: separate(image, [18, 20, 10], threshold=(0, 300)),
+        "fills most of the volume (100% of it)",
+        "Narrow the threshold or increase the erosion",
+    )
+
+
+def test_a_region_that_touches_every_face():
+    cross = np.zeros((21, 21, 21), dtype=np.uint8)
+    cross[8:13, 8:13, :] = cross[8:13, :, 8:13] = cross[:, 8:13, 8:13] = 100
+    image = Image(cross, np.eye(4))
+    refused(lambda: separate(image, [10, 10, 10], threshold=(50, 150)), "touches all six faces", "Narrow")
+
+
+def test_masks_that_are_no_segmentation_of_the_image(image):
+    refused(lambda: region_from_mask(image, np.zeros(image.array.shape)), "mask is empty")
+    refused(lambda: region_from_mask(image, np.ones((2, 3, 4))), "shape (2, 3, 4)", "one grid")
+
+
+def test_a_region_without_voxels_has_no_moments():
+    empty = Region(np.zeros((3, 3, 3), dtype=bool), (0, 0, 0), np.eye(4), None, ())
+    refused(lambda: moments(empty), "region is empty")

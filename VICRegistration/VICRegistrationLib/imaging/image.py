@@ -1,0 +1,204 @@
+"""A volume and its place in the world, in RAS millimetres."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A grey-level volume (or a mask) with the matrix that places its voxels.
+
+    Attributes
+    ----------
+    array : ndarray, shape (nk, nj, ni)
+        Voxels, slowest axis first, like ``SimpleITK.GetArrayFromImage``. It is not copied, so whoever writes
+        to it changes the image.
+    ijk_to_ras : ndarray, shape (4, 4)
+        Takes ``(i, j, k, 1)`` to RAS millimetres; whole numbers are voxel centres. Any affine matrix will do:
+        anisotropic, oblique, left-handed or sheared (a tilted gantry).
+
+    Raises
+    ------
+    ValueError
+        If the array is not a three-dimensional grid of finite numbers with two voxels or more along every
+        axis, or the matrix cannot place it.
+    """
+
+    array: np.ndarray
+    ijk_to_ras: np.ndarray
+
+    def __post_init__(self):
+        array = np.asarray(self.array)
+        _check_grid(array)
+        _check_finite(array)
+        if not array.dtype.isnative:
+            array = array.astype(array.dtype.newbyteorder("="))
+        object.__setattr__(self, "array", array)
+        object.__setattr__(self, "ijk_to_ras", _checked_matrix(self.ijk_to_ras))
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """Distance in mm between neighbouring voxel centres along i, j and k, shape (3,)."""
+        return np.linalg.norm(self.ijk_to_ras[:3, :3], axis=0)
+
+    @property
+    def size(self) -> np.ndarray:
+        """Number of voxels along i, j and k, shape (3,): the shape of the array read backwards."""
+        return np.array(self.array.shape[::-1])
+
+    @property
+    def ras_to_ijk(self) -> np.ndarray:
+        """Inverse of `ijk_to_ras`, shape (4, 4)."""
+        return np.linalg.inv(self.ijk_to_ras)
+
+    @property
+    def voxel_volume(self) -> float:
+        """Volume of one voxel in mm^3."""
+        return float(abs(np.linalg.det(self.ijk_to_ras[:3, :3])))
+
+    def to_ijk(self, points) -> np.ndarray:
+        """Take RAS points (mm), shape (n, 3), to continuous voxel indices (i, j, k), shape (n, 3)."""
+        return _transformed(self.ras_to_ijk, points)
+
+    def to_ras(self, ijk) -> np.ndarray:
+        """Take continuous voxel indices (i, j, k), shape (n, 3), to RAS points (mm), shape (n, 3)."""
+        return _transformed(self.ijk_to_ras, ijk)
+
+    def crop(self, start_kji, stop_kji) -> Image:
+        """Cut out a box of voxels, in the same place in the world.
+
+        Parameters
+        ----------
+        start_kji, stop_kji : sequence of 3 int
+            First voxel and one past the last voxel along k, j and i.
+
+        Returns
+        -------
+        Image
+            Its array is a view of this image's array: nothing is copied.
+
+        Raises
+        ------
+        ValueError
+            If the box leaves the volume or is thinner than two voxels.
+        """
+        start = np.asarray(start_kji, dtype=int)
+        stop = np.asarray(stop_kji, dtype=int)
+        if np.any(start < 0) or np.any(stop > self.array.shape):
+            msg = (
+                f"The box from {start.tolist()} to {stop.tolist()} (k, j, i) leaves the volume of "
+                f"{list(self.array.shape)} voxels; choose a box inside it."
+            )
+            raise ValueError(msg)
+        matrix = self.ijk_to_ras.copy()
+        matrix[:3, 3] += matrix[:3, :3] @ start[::-1]
+        box = tuple(slice(low, high) for low, high in zip(start.tolist(), stop.tolist()))
+        return _view(self.array[box], matrix)
+
+    def canonical(self) -> Image:
+        """Permute and flip the axes so that i, j and k run closest to right, anterior and superior.
+
+        Returns
+        -------
+        Image
+            The same voxels in the same places (a view, not resampled). Copies of one volume that differ
+            only by permuted and flipped axes give identical arrays.
+
+        Notes
+        -----
+        The assignment of the three axes with the largest sum of cosines is taken, as ``DICOMOrient`` and
+        nibabel's ``as_closest_canonical`` do. Where two are equal (an axis at exactly 45 degrees) the one
+        turned towards the next world axis wins, so that the order of the axes does not decide.
+        """
+        directions = self.ijk_to_ras[:3, :3] / self.spacing
+        tie_break = 1e-6 * np.sign(directions) * np.roll(directions, -1, axis=0)
+        scores = np.abs(directions) + tie_break
+        order = max(
+            itertools.permutations(range(3)),
+            key=lambda axes: sum(scores[world, axis] for world, axis in enumerate(axes)),
+        )
+        flips = np.array([directions[world, axis] < 0 for world, axis in enumerate(order)])
+
+        matrix = self.ijk_to_ras.copy()
+        matrix[:3, :3] = self.ijk_to_ras[:3, order]
+        last_voxel = self.size[list(order)] - 1
+        matrix[:3, 3] += matrix[:3, :3] @ np.where(flips, last_voxel, 0)
+        matrix[:3, :3] *= np.where(flips, -1.0, 1.0)
+        kji_order = [2 - axis for axis in order[::-1]]
+        steps = tuple(slice(None, None, -1 if flip else 1) for flip in flips[::-1])
+        return _view(self.array.transpose(kji_order)[steps], matrix)
+
+
+def _view(array, ijk_to_ras):
+    """Image of voxels that a checked image already holds: looking for NaN again would read them all."""
+    _check_grid(array)
+    image = object.__new__(Image)
+    object.__setattr__(image, "array", array)
+    object.__setattr__(image, "ijk_to_ras", _checked_matrix(ijk_to_ras))
+    return image
+
+
+def _transformed(matrix, points):
+    points = np.asarray(points, dtype=float)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _check_grid(array):
+    if array.ndim != 3:
+        msg = (
+            f"The image has {array.ndim} dimensions (shape {array.shape}); a volume needs three (k, j, i). "
+            "Choose one frame or channel of it."
+        )
+        raise ValueError(msg)
+    if not (np.issubdtype(array.dtype, np.bool_) or array.dtype.kind in "iuf"):
+        msg = f"The voxels are of type {array.dtype}; grey levels must be real numbers. Convert them first."
+        raise ValueError(msg)
+    if min(array.shape) < 2:
+        ni, nj, nk = array.shape[::-1]
+        msg = (
+            f"The image has {ni} x {nj} x {nk} voxels; a surface needs several slices, so every axis must "
+            "have two voxels or more. Choose the whole volume instead of a single slice."
+        )
+        raise ValueError(msg)
+
+
+def _check_finite(array):
+    # The minimum and maximum carry a NaN or an infinity along without a mask of the volume's size.
+    if array.dtype.kind != "f" or np.isfinite([array.min(), array.max()]).all():
+        return
+    bad = array.size - int(np.count_nonzero(np.isfinite(array)))
+    msg = (
+        f"{bad} of the image's {array.size} voxels are not finite (NaN or infinity); every voxel needs a "
+        "grey level. Replace them, for example by 0, and try again."
+    )
+    raise ValueError(msg)
+
+
+def _checked_matrix(ijk_to_ras):
+    try:
+        matrix = np.array(ijk_to_ras, dtype=float)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape != (4, 4):
+        msg = f"The matrix ijk_to_ras has shape {np.shape(ijk_to_ras)}; it must be 4 x 4 numbers (mm)."
+        raise ValueError(msg)
+    if not np.isfinite(matrix).all():
+        msg = "The matrix ijk_to_ras holds values that are not finite; check the image's spacing and origin."
+        raise ValueError(msg)
+    if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        msg = f"The last row of ijk_to_ras is {matrix[3].tolist()}; it must be 0, 0, 0, 1 (affine)."
+        raise ValueError(msg)
+    steps = np.linalg.norm(matrix[:3, :3], axis=0)
+    # A determinant far below the product of the voxel's edges is a voxel without volume, not a small voxel.
+    if steps.min() <= 0 or abs(np.linalg.det(matrix[:3, :3] / steps)) < 1e-6:
+        msg = (
+            "The matrix ijk_to_ras cannot be inverted (a spacing of zero, or two axes along one direction); "
+            "check the image's spacing and directions."
+        )
+        raise ValueError(msg)
+    matrix.setflags(write=False)
+    return matrix

@@ -1,0 +1,368 @@
+"""An organ cut out of its volume: threshold, erosion, the component of the seeds, dilation, holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from .image import Image
+from .morphology import ball_reach, dilate, erode, fill_holes
+from .threshold import checked_seeds, find_edges, threshold_between, voxels_of
+
+_FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
+# More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
+_LARGEST_SHARE = 0.6
+# The first box holds the ends of the rays but for this share on each side; where it is too small it grows by
+# a share of its length.
+_ASTRAY = 0.02
+_GROWTH = 0.3
+# Radii tried by default: the first, the next ones if the region leaks, the small ones if it vanishes.
+_EROSIONS_MM = (2.0, 3.0, 4.0, 5.0, 6.0)
+_THIN_EROSIONS_MM = (1.0, 0.0)
+# A region this many times the volume that the rays from the seeds span has leaked.
+_LEAK_FACTOR = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The voxels of one organ, on a crop of the image's grid.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (nk, nj, ni)
+        The crop leaves a margin of one voxel of background wherever the volume has one.
+    offset : tuple of 3 int
+        First voxel (k, j, i) of the crop in the image.
+    ijk_to_ras : ndarray, shape (4, 4)
+        Takes voxels (i, j, k) of the crop to RAS mm.
+    threshold : tuple of 2 float or None
+        Lowest and highest grey level of the organ; None if the mask was given.
+    touches_border : tuple of str
+        Faces of the volume that the organ touches, out of "k-", "k+", "j-", "j+", "i-" and "i+": there it may
+        go on outside.
+    erosion : float or None
+        Radius of the erosion in mm; None if the mask was given.
+    """
+
+    mask: np.ndarray
+    offset: tuple
+    ijk_to_ras: np.ndarray
+    threshold: tuple | None
+    touches_border: tuple
+    erosion: float | None = None
+
+    @property
+    def image(self) -> Image:
+        """The mask as an image."""
+        return Image(self.mask, self.ijk_to_ras)
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """Voxel spacing in mm along i, j and k, shape (3,)."""
+        return self.image.spacing
+
+    @property
+    def volume_ml(self) -> float:
+        """Volume of the voxels in millilitres."""
+        return np.count_nonzero(self.mask) * self.image.voxel_volume / 1000.0
+
+
+def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None, fill: bool = True) -> Region:
+    """Separate the organ that holds the seeds from its surroundings.
+
+    Voxels within the threshold are eroded, which cuts thin bridges to other tissue; the components that hold
+    the seeds are kept and dilated back, within the threshold; cavities are filled.
+
+    Parameters
+    ----------
+    image : Image
+    seeds : array_like, shape (n, 3) or (3,)
+        Points in the organ, RAS mm. The voxel around a seed must be within the threshold.
+    threshold : (float, float), optional
+        Lowest and highest grey level of the organ. Default: `suggest_threshold`.
+    erosion : float, optional
+        Radius of the erosion in mm. Slices thicker than it are not eroded into one another. By default 2 mm,
+        or the next whole number up to 6 mm at which the region is at most 1.3 times what the rays from the
+        seeds span (`find_edges`), or less where the organ is too thin for 2 mm.
+    dilation : float, optional
+        Radius of the dilation in mm, by default that of the erosion.
+    fill : bool
+        Fill cavities.
+
+    Returns
+    -------
+    Region
+        An organ cut by the border of the volume is not an error: see ``touches_border``.
+
+    Raises
+    ------
+    ValueError
+        If a seed lies outside the volume or the threshold or does not survive the erosion, if the threshold
+        or a radius makes no sense, or if the region has leaked over most of the volume.
+
+    Notes
+    -----
+    All steps run on a box around the seeds that grows on the sides where the eroded component meets it, so
+    the result is that of the whole volume and the cost that of the organ.
+    """
+    seeds = checked_seeds(image, seeds)
+    edges = find_edges(image, seeds)
+    threshold = threshold_between(edges) if threshold is None else _checked_threshold(threshold)
+    dilation = None if dilation is None else _checked_radius("dilation", dilation)
+    voxels = voxels_of(image, seeds)
+    _check_seed_levels(image, seeds, voxels, threshold)
+    if erosion is None:
+        start, mask, erosion = _separated_by_default(image, edges, voxels, threshold, dilation)
+    else:
+        erosion = _checked_radius("erosion", erosion)
+        start, inside, core = _grown_core(image, edges, voxels, threshold, erosion, dilation)
+        if not core.any():
+            _refuse_erosion(image, seeds, voxels - start, inside, erosion)
+        mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
+    region = _cropped(image, mask, start, fill=fill, threshold=threshold, erosion=erosion)
+    _check_leak(image, region)
+    return region
+
+
+def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
+    """Take a region from a segmentation on the image's grid.
+
+    Parameters
+    ----------
+    image : Image
+    mask : ndarray, shape (nk, nj, ni)
+        Voxels other than zero belong to the organ.
+    largest_component : bool
+        Keep only the largest component (six face neighbours).
+
+    Returns
+    -------
+    Region
+        With ``threshold`` None.
+
+    Raises
+    ------
+    ValueError
+        If the mask is empty or has another shape than the image.
+    """
+    mask = np.asarray(mask)
+    if mask.shape != image.array.shape:
+        msg = (
+            f"The mask has shape {mask.shape} and the image {image.array.shape} (k, j, i); they must share "
+            "one grid. Resample the mask to the image."
+        )
+        raise ValueError(msg)
+    mask = mask != 0
+    if not mask.any():
+        msg = "The mask is empty; it must hold the organ's voxels. Choose another segment or label."
+        raise ValueError(msg)
+    if largest_component:
+        labels, _ = ndimage.label(mask)
+        mask = labels == np.bincount(labels.ravel())[1:].argmax() + 1
+    return _cropped(image, mask, np.zeros(3, dtype=int), fill=False)
+
+
+def _separated_by_default(image, edges, voxels, threshold, dilation):
+    """Erode as little as keeps the region within what the rays from the seeds span; see `separate`."""
+    most_voxels = _LEAK_FACTOR * edges.volume / image.voxel_volume
+    attempts = [(erosion, most_voxels) for erosion in _EROSIONS_MM]
+    # If none will do, the rays saw too little of a bent organ, or the organ is thin.
+    attempts += [(erosion, np.inf) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
+    for erosion, limit in attempts:
+        grown = _grown_core(image, edges, voxels, threshold, erosion, dilation, most_voxels=limit)
+        if grown is None or not grown[2].any():
+            continue
+        start, inside, core = grown
+        mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
+        if np.count_nonzero(mask) <= limit:
+            break
+    return start, mask, erosion
+
+
+def _dilated_back(image, inside, core, dilation):
+    """Dilate the core within the threshold, but not to the far side of a wall."""
+    mask = dilate(core, image.ijk_to_ras[:3, :3], dilation) & inside
+    first, last = _bounds(mask)
+    box = tuple(map(slice, first, last))
+    labels, count = ndimage.label(mask[box])
+    if count > 1:
+        wanted = np.zeros(count + 1, dtype=bool)
+        wanted[labels[core[box]]] = True
+        mask[box] = wanted[labels] & mask[box]
+    return mask
+
+
+def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxels=np.inf):
+    """Find the eroded components of the seeds in a box with room for the dilation.
+
+    Returns the first voxel of the box, the voxels of the box within the threshold, and the components: none
+    if a seed does not survive the erosion. Returns None as soon as there are more than `most_voxels`.
+    """
+    shape = np.array(image.array.shape)
+    steps = image.ijk_to_ras[:3, :3]
+    room = ball_reach(steps, max(erosion, dilation or 0.0))
+    start, stop = _first_box(image, edges, voxels, erosion)
+    while True:
+        outer_start = np.maximum(start - room, 0)
+        outer_stop = np.minimum(stop + room, shape)
+        grey = image.array[tuple(map(slice, outer_start, outer_stop))]
+        inside = (grey >= threshold[0]) & (grey <= threshold[1])
+        core = erode(inside, steps, erosion)
+        # Erosion at the edge of the outer box does not see what lies beyond it: only the inner box is exact.
+        inner = tuple(map(slice, start - outer_start, stop - outer_start))
+        kept = _nearest_components(core[inner], voxels - start, steps, erosion)
+        core[:] = False
+        core[inner] = kept
+        count = np.count_nonzero(kept)
+        if count == 0:
+            return outer_start, inside, core
+        if count > most_voxels:
+            return None
+        first, last = _bounds(kept)
+        grow_low = (first == 0) & (start > 0)
+        grow_high = (last == stop - start) & (stop < shape)
+        if not (grow_low.any() or grow_high.any()):
+            return outer_start, inside, core
+        growth = np.maximum(((stop - start) * _GROWTH).astype(int), 1)
+        start = np.where(grow_low, np.maximum(start - growth, 0), start)
+        stop = np.where(grow_high, np.minimum(stop + growth, shape), stop)
+
+
+def _first_box(image, edges, voxels, erosion):
+    """Box of the ends of the rays, without those that went astray, and of the neighbourhood of the seeds."""
+    shape = np.array(image.array.shape)
+    ends = image.to_ijk(edges.points.reshape(-1, 3))[:, ::-1]
+    low, high = np.quantile(ends, [_ASTRAY, 1 - _ASTRAY], axis=0)
+    reach = np.ceil(2 * erosion / image.spacing[::-1]) + 1
+    start = np.floor(np.minimum(low, voxels.min(axis=0) - reach)).astype(int) - 1
+    stop = np.ceil(np.maximum(high, voxels.max(axis=0) + reach)).astype(int) + 2
+    return np.maximum(start, 0), np.minimum(stop, shape)
+
+
+def _nearest_components(core, voxels, steps, radius):
+    """Keep the components that hold the eroded voxels nearest to each seed, at most a radius away.
+
+    Keeps nothing if there is a seed without one: dilation would not bring it back.
+    """
+    labels, count = ndimage.label(core)
+    wanted = np.zeros(count + 1, dtype=bool)
+    for voxel in voxels:
+        near, distances = _near(core, voxel, steps, radius)
+        distances = np.where(core[near], distances, np.inf)
+        nearest = distances.min()
+        if nearest == np.inf:
+            return np.zeros_like(core)
+        wanted[labels[near][distances <= nearest + 1e-6 * radius]] = True
+    return wanted[labels]
+
+
+def _near(grid, voxel, steps, radius):
+    """Index of the box of a ball around a voxel, and the distances in mm of its voxels within the ball."""
+    reach = ball_reach(steps, radius)
+    low = np.maximum(voxel - reach, 0)
+    high = np.minimum(voxel + reach + 1, grid.shape)
+    offsets = np.stack(np.meshgrid(*map(np.arange, low - voxel, high - voxel), indexing="ij"), axis=-1)
+    distances = np.linalg.norm(offsets[..., ::-1] @ steps.T, axis=-1)
+    distances[distances > radius * (1 + 1e-6)] = np.inf
+    return tuple(map(slice, low, high)), distances
+
+
+def _refuse_erosion(image, seeds, voxels, inside, erosion):
+    """Say which seed the erosion leaves nothing around, and which radius would."""
+    depths = ndimage.distance_transform_edt(inside, sampling=image.spacing[::-1])
+    enough = []
+    for voxel in voxels:
+        near, distances = _near(inside, voxel, image.ijk_to_ras[:3, :3], erosion)
+        enough.append(depths[near][distances < depths[near]].max())
+    worst = int(np.argmin(enough))
+    msg = (
+        f"The erosion of {erosion:g} mm leaves nothing around the seed {_point(seeds[worst])}: the organ is "
+        f"too thin there. Use an erosion below {enough[worst]:.2g} mm or move the seed deeper into the organ."
+    )
+    raise ValueError(msg)
+
+
+def _bounds(mask):
+    """First and one past the last voxel of a mask that is not empty, along k, j and i."""
+    plane = mask.any(axis=2)
+    used = [np.flatnonzero(line) for line in (plane.any(axis=1), plane.any(axis=0), mask.any(axis=(0, 1)))]
+    return np.array([line[0] for line in used]), np.array([line[-1] + 1 for line in used])
+
+
+def _cropped(image, mask, start, *, fill, threshold=None, erosion=None):
+    """Make a region of a mask whose first voxel is voxel `start` (k, j, i) of the image."""
+    shape = np.array(image.array.shape)
+    first, last = _bounds(mask)
+    low = np.maximum(start + first - 1, 0)
+    high = np.minimum(start + last + 1, shape)
+    crop = np.zeros(high - low, dtype=bool)
+    shift = start + first - low
+    crop[tuple(map(slice, shift, shift + last - first))] = mask[tuple(map(slice, first, last))]
+    touches = tuple(
+        name
+        for names, at_low, at_high in zip(_FACES, start + first == 0, start + last == shape)
+        for name, touched in zip(names, (at_low, at_high))
+        if touched
+    )
+    return Region(
+        mask=fill_holes(crop) if fill else crop,
+        offset=tuple(low.tolist()),
+        ijk_to_ras=image.crop(low, high).ijk_to_ras,
+        threshold=threshold,
+        touches_border=touches,
+        erosion=erosion,
+    )
+
+
+def _check_leak(image, region):
+    share = np.count_nonzero(region.mask) / image.array.size
+    if share <= _LARGEST_SHARE and len(region.touches_border) < 6:
+        return
+    reach = "touches all six faces of the volume" if share <= _LARGEST_SHARE else "fills most of the volume"
+    low, high = region.threshold
+    msg = (
+        f"The separated region {reach} ({share:.0%} of it): with the threshold {low:.6g} to {high:.6g} it is "
+        "not one organ. Narrow the threshold or increase the erosion."
+    )
+    raise ValueError(msg)
+
+
+def _check_seed_levels(image, seeds, voxels, threshold):
+    low, high = threshold
+    for seed, voxel in zip(seeds, voxels.tolist()):
+        level = float(image.array[tuple(voxel)])
+        if not low <= level <= high:
+            msg = (
+                f"The grey level at the seed {_point(seed)} is {level:.6g}, outside the threshold {low:.6g} "
+                f"to {high:.6g}; move the seed into the organ or widen the threshold."
+            )
+            raise ValueError(msg)
+
+
+def _checked_threshold(threshold):
+    try:
+        low, high = (float(value) for value in threshold)
+    except (TypeError, ValueError):
+        msg = f"The threshold is {threshold!r}; it must be two grey levels, the lowest and the highest."
+        raise ValueError(msg) from None
+    if not low <= high:
+        msg = (
+            f"The threshold {low:.6g} to {high:.6g} is empty; the lowest grey level must come first and not "
+            "exceed the highest."
+        )
+        raise ValueError(msg)
+    return low, high
+
+
+def _checked_radius(name, radius):
+    radius = float(radius)
+    if not (np.isfinite(radius) and radius >= 0):
+        msg = f"The {name} is {radius:g} mm; it must be zero or a positive length."
+        raise ValueError(msg)
+    return radius
+
+
+def _point(seed):
+    return "({:.1f}, {:.1f}, {:.1f}) mm".format(*seed)
