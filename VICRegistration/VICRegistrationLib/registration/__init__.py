@@ -1,0 +1,1 @@
+"""Fitting of surfaces to images: intensity profile, virtual image, solvers and the organ recipe."""

@@ -1,0 +1,300 @@
+"""Correlation of a virtual image with a real one: residuals, cost, analytic derivatives (equations 5 to 7).
+
+A sample lies at x = S(u, v) + d n(u, v); its residual is r = I(x) - L(d), and the cost is the mean of r^2 over the area
+of the surface and over d. Its derivative by a degree of freedom is grad I . dS plus the part of the turning normal,
+d grad I . dn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+
+from ..geometry import bspline
+from ..geometry.parametrization import Parametrization
+from ..geometry.surface import BSplineSurface
+from ..imaging.sampling import Sampler
+from .levels import PROBE_DEPTHS, Levels
+
+# Below this number of control points dense matrices are faster than sparse ones.
+_DENSE_LIMIT = 400
+
+
+@dataclass(frozen=True, eq=False)
+class SampleGrid:
+    """Parameters at which a surface is compared with the image, and the basis functions there.
+
+    Parameters
+    ----------
+    shape : (n_u, n_v)
+        Number of parameters in each direction: midpoints of equal intervals, so that poles and seam are not hit.
+    bases : six (n_u * n_v, n_control) csr_matrix
+        Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v, S_uu, S_uv, S_vv.
+    """
+
+    shape: tuple[int, int]
+    bases: tuple[sparse.csr_matrix, ...]
+    _motions: dict = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def on(cls, surface: BSplineSurface, shape: tuple[int, int]) -> SampleGrid:
+        """Grid of n_u x n_v samples for surfaces with the same degrees and knots as this one."""
+        one_way = []
+        for degree, knots, n in zip(surface.degrees, (surface.knots_u, surface.knots_v), shape):
+            low, high = bspline.domain(degree, knots)
+            x = low + (high - low) * (np.arange(n) + 0.5) / n
+            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1, 2)])
+        along_u, along_v = one_way
+        orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        return cls(tuple(shape), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders))
+
+    def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
+        """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
+
+        Kept, because the stages of a registration and the coordinates share their matrices.
+        """
+        if id(matrix) not in self._motions:
+            products = [basis @ matrix for basis in self.bases[:3]]
+            # The matrix is kept too, so that its id stays its own.
+            self._motions[id(matrix)] = matrix, tuple(p.toarray() if dense else p.tocsr() for p in products)
+        return self._motions[id(matrix)][1]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Position of the surface at the samples: points, tangents S_u and S_v, their cross product, unit normals."""
+
+    points: np.ndarray
+    tangents: tuple[np.ndarray, np.ndarray]
+    cross: np.ndarray
+    length: np.ndarray
+    normals: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Residuals (n, m), image gradients (n, m, 3) and weights (n, m) that sum to one."""
+
+    frame: Frame
+    residuals: np.ndarray
+    gradients: np.ndarray
+    weights: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        """Weighted mean of the squared residuals."""
+        return float(np.vdot(self.weights, self.residuals**2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What is held while a step is computed: sample distances (n, m), levels (n,), contrast, areas (n,)."""
+
+    offsets: np.ndarray
+    inside: np.ndarray
+    outside: np.ndarray
+    contrast: float
+    area: np.ndarray
+
+
+class Correlation:
+    """Compares the virtual image of a deforming surface with a real image.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The real image.
+    parametrization : Parametrization
+        How the surface deforms.
+    grid : SampleGrid
+        Where it is compared.
+    depths : (m,) ndarray
+        Distances d of the samples along the normal, in units of the ramp's width.
+    ramp : (m,) ndarray
+        The profile's ramp from 1 (inside) to 0 (outside) at these depths.
+    levels : Levels
+        Grey levels inside and outside and the width of the ramp, given or estimated from the image.
+
+    Attributes
+    ----------
+    sparse : bool
+        Whether the control net is large enough for sparse matrices.
+
+    Notes
+    -----
+    Levels, widths and weights depend on the surface, but are held while a step is computed and judged;
+    :meth:`refresh` brings them up to date. Residuals are in units of the organ's contrast, so that the cost is
+    dimensionless.
+    """
+
+    def __init__(
+        self,
+        sampler: Sampler,
+        parametrization: Parametrization,
+        grid: SampleGrid,
+        *,
+        depths: np.ndarray,
+        ramp: np.ndarray,
+        levels: Levels,
+    ):
+        self.sampler = sampler
+        self.parametrization = parametrization
+        self.grid = grid
+        self.depths = np.asarray(depths, dtype=float)
+        self.ramp = np.asarray(ramp, dtype=float)
+        self.levels = levels
+        flat = parametrization.surface.control_net.reshape(-1, 3)
+        self._start = tuple(basis @ flat for basis in grid.bases[:3])
+        self.sparse = len(flat) > _DENSE_LIMIT
+        motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
+        self._motion = tuple(zip(*motions))
+        self._held = None
+        self._shift = None
+
+    def frame(self, q: np.ndarray) -> Frame:
+        """Points, tangents and normals at the samples for degrees of freedom (n_dof,)."""
+        parts = []
+        for start, motion in zip(self._start, self._motion):
+            moved = [matrix @ q[index] for matrix, index in zip(motion, self.parametrization.indices)]
+            parts.append(start + np.stack(moved, axis=1))
+        points, along_u, along_v = parts
+        cross = _cross(along_u, along_v)
+        length = np.sqrt(np.einsum("nk,nk->n", cross, cross))
+        normals = cross / np.maximum(length, 1e-12 * length.max())[:, None]
+        return Frame(points, (along_u, along_v), cross, length, normals)
+
+    def refresh(self, q: np.ndarray) -> None:
+        """Bring levels, ramp widths and area weights up to date with the surface at q."""
+        frame = self.frame(q)
+        width = self.levels.width
+        if self._shift is None:
+            self._shift = self.levels.shifts(self._curvature(q, frame))
+        shift = self._shift
+        if self.levels.adaptive:
+            offsets = shift[:, None] + width * PROBE_DEPTHS
+            probes = self.sampler.values(frame.points[:, None] + offsets[..., None] * frame.normals[:, None])
+            inside, outside = self.levels.estimate(*probes, frame.normals, frame.length, self.grid.shape)
+        else:
+            inside = np.full(len(shift), float(self.levels.inside))
+            outside = np.full(len(shift), float(self.levels.outside))
+        contrast = self.levels.contrast(inside, outside, frame.length)
+        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, frame.length)
+
+    def sample(self, q: np.ndarray) -> Samples:
+        """Residuals, image gradients and weights at q, with the levels held since the last refresh."""
+        if self._held is None:
+            self.refresh(q)
+        held = self._held
+        frame = self.frame(q)
+        positions = frame.points[:, None] + held.offsets[..., None] * frame.normals[:, None]
+        values, gradients, valid = self.sampler.values_and_gradients(positions)
+        virtual = held.outside[:, None] + (held.inside - held.outside)[:, None] * self.ramp
+        residuals = np.where(valid, (values - virtual) / held.contrast, 0.0)
+        weights = np.where(valid, held.area[:, None] / (held.area.sum() * len(self.depths)), 0.0)
+        return Samples(frame, residuals, gradients / held.contrast, weights)
+
+    def _curvature(self, q: np.ndarray, frame: Frame) -> np.ndarray:
+        """Second derivatives of the signed distance from the surface, (n, 3, 3), 1/mm."""
+        if self.levels.voxel is None:
+            return np.zeros((len(frame.points), 3, 3))
+        net = self.parametrization.control_net(q).reshape(-1, 3)
+        uu, uv, vv = (-np.einsum("nk,nk->n", frame.normals, basis @ net) for basis in self.grid.bases[3:])
+        # Dual tangents: S_u . D_u = 1, S_u . D_v = 0 and so on.
+        along_u, along_v = frame.tangents
+        dual_u = _cross(along_v, frame.normals) / frame.length[:, None]
+        dual_v = _cross(frame.normals, along_u) / frame.length[:, None]
+        mixed = dual_u[:, :, None] * dual_v[:, None, :]
+        return (
+            uu[:, None, None] * dual_u[:, :, None] * dual_u[:, None, :]
+            + uv[:, None, None] * (mixed + mixed.transpose(0, 2, 1))
+            + vv[:, None, None] * dual_v[:, :, None] * dual_v[:, None, :]
+        )
+
+    def gradient(self, samples: Samples) -> np.ndarray:
+        """Half the derivative of the cost by the degrees of freedom, (n_dof,), the turning normal included."""
+        weighted = samples.weights * samples.residuals
+        direct = np.einsum("nm,nmk->nk", weighted, samples.gradients)
+        lever = np.einsum("nm,nmk->nk", weighted * self._held.offsets, samples.gradients)
+        turning_u, turning_v = _normal_terms(samples.frame, lever)
+        result = np.zeros(self.parametrization.n_dof)
+        for motion, part in zip(self._motion, (direct, turning_u, turning_v)):
+            for k, index in enumerate(self.parametrization.indices):
+                result[index] += motion[k].T @ part[:, k]
+        return result
+
+    def hessian(self, samples: Samples):
+        """Gauss-Newton approximation J' W J of half the cost's second derivative, (n_dof, n_dof).
+
+        The turning normal is left out here: it changes the path, not the minimum, and would cost nine times as much.
+        """
+        return self.quadratic_form(np.einsum("nm,nma,nmb->nab", samples.weights, samples.gradients, samples.gradients))
+
+    def displacement_form(self, q: np.ndarray, *, tangential: float, normal: float):
+        """Mean squared displacement of the surface from q as a quadratic form, (n_dof, n_dof) in mm^2.
+
+        Parameters
+        ----------
+        q : (n_dof,) ndarray
+        tangential, normal : float
+            Weights of the displacement within the tangent plane at q and along the normal.
+        """
+        frame = self.frame(q)
+        along = frame.normals[:, :, None] * frame.normals[:, None, :]
+        area = frame.length / frame.length.sum()
+        return self.quadratic_form(area[:, None, None] * (tangential * np.eye(3) + (normal - tangential) * along))
+
+    def quadratic_form(self, outer: np.ndarray):
+        """Sum over the samples of dS' M dS for symmetric matrices M (n, 3, 3), as a matrix (n_dof, n_dof)."""
+        motion, indices = self._motion[0], self.parametrization.indices
+        n_dof = self.parametrization.n_dof
+        if not self.sparse:
+            result = np.zeros((n_dof, n_dof))
+            for a in range(3):
+                for b in range(a, 3):
+                    block = motion[a].T @ (outer[:, a, b, None] * motion[b])
+                    result[np.ix_(indices[a], indices[b])] += block
+                    if a != b:
+                        result[np.ix_(indices[b], indices[a])] += block.T
+            return result
+        total = sparse.csc_matrix((n_dof, n_dof))
+        for a in range(3):
+            for b in range(3):
+                block = (motion[a].T @ sparse.diags(outer[:, a, b]) @ motion[b]).tocoo()
+                place = (indices[a][block.row], indices[b][block.col])
+                total = total + sparse.csc_matrix((block.data, place), shape=(n_dof, n_dof))
+        return total
+
+    def jacobian(self, samples: Samples) -> np.ndarray:
+        """Differentiate all residuals, (n * m, n_dof), the turning normal included; large: for small nets."""
+        n, m = samples.residuals.shape
+        lever = self._held.offsets[..., None] * samples.gradients
+        result = np.zeros((n, m, self.parametrization.n_dof))
+        for depth in range(m):
+            parts = (samples.gradients[:, depth], *_normal_terms(samples.frame, lever[:, depth]))
+            for motion, part in zip(self._motion, parts):
+                for k, index in enumerate(self.parametrization.indices):
+                    matrix = motion[k].toarray() if self.sparse else motion[k]
+                    result[:, depth, index] += part[:, k, None] * matrix
+        return result.reshape(n * m, -1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of (n, 3) arrays; numpy's own is several times slower."""
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        axis=1,
+    )
+
+
+def _normal_terms(frame: Frame, lever: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors t_u, t_v (n, 3) with lever . dn = t_u . dS_u + t_v . dS_v."""
+    along = np.einsum("nk,nk->n", lever, frame.normals)
+    tangential = (lever - along[:, None] * frame.normals) / np.maximum(frame.length, 1e-300)[:, None]
+    along_u, along_v = frame.tangents
+    return _cross(along_v, tangential), _cross(tangential, along_u)

@@ -1,0 +1,133 @@
+"""The plan by which an organ is registered: its generic model, its degrees of freedom, its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry import models
+from ..geometry.parametrization import Parametrization, affine
+from ..geometry.parametrization import closed_organ as closed_organ_parametrization
+from ..geometry.surface import BSplineSurface
+from ..imaging.image import Image
+from ..imaging.moments import Moments
+from ..imaging.sampling import Sampler
+from ..imaging.separation import Region
+from .correlation import SampleGrid
+from .levels import Levels
+from .region_image import RegionImage, region_image
+from .stages import Stage
+
+if TYPE_CHECKING:
+    from .organ import FitOptions
+
+# Surroundings of the region that the model may start in, mm.
+REGION_MARGIN_MM = 10.0
+# Weights against sliding within the surface and against leaving the separated region, where 1 is about the weight of a
+# sharp edge: tried 0.01 to 0.2 on phantoms and real bladders. More keeps the surface from its edge, less lets control
+# points drift and loses the surface where there is no edge.
+SLIDING = 0.02
+ANCHOR = 0.05
+# The region is rough (terraces of thick slices), the grey levels are not: it is fitted that much more stiffly.
+REGION_BENDING = 100.0
+# A last stage that lowers its cost by less than this fraction in an iteration only slides.
+COST_TOLERANCE = 1e-3
+
+
+def generic_model(pose: Moments, options: FitOptions) -> BSplineSurface:
+    """Make an ellipsoid with the region's moments, in the organ's frame, poles at both ends of its longest axis."""
+    # A solid ellipsoid's semi-axis is sqrt(5) times the standard deviation along it.
+    longest, middle, shortest = np.sqrt(5.0) * pose.extents
+    axes = np.array([[0.0, middle, 0.0], [0.0, 0.0, shortest], [longest, 0.0, 0.0]])
+    return models.closed_organ(options.net, closure=options.closure, axes=axes)
+
+
+@lru_cache(maxsize=8)
+def machinery(net: tuple[int, int], closure: str) -> tuple[Parametrization, SampleGrid]:
+    """Make what depends on the net alone: its degrees of freedom and its sample grid.
+
+    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all.
+    """
+    model = models.closed_organ(net, closure=closure)
+    return closed_organ_parametrization(model, closure=closure), SampleGrid.on(model, _grid_shape(net))
+
+
+def _grid_shape(net: tuple[int, int]) -> tuple[int, int]:
+    """Count the samples around the tube and from pole to pole: four to each span of a cubic net."""
+    return max(4 * (net[0] - 1), 24), max(4 * (net[1] - 3), 16)
+
+
+def plan(
+    image: Image, region: Region, local_to_ras: np.ndarray, closed: Parametrization, options: FitOptions
+) -> Iterator[tuple[Stage, Callable[[BSplineSurface], Parametrization]]]:
+    """Plan the stages, each with the parametrization it makes of the surface that reaches it."""
+
+    def scaling(surface: BSplineSurface) -> Parametrization:
+        return affine(surface, free="scaling", center=np.zeros(3))
+
+    # Gradient descent takes many small steps: it may not stop at the first small one.
+    patience = 1.0 if options.solver == "gauss-newton" else 0.05
+    common = {"solver": options.solver, "max_iterations": options.max_iterations}
+    target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
+    far = {
+        "sampler": Sampler(target.distance),
+        "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
+        "ramp": "linear",
+        "n_depths": 3,
+        "sliding": SLIDING,
+        **common,
+    }
+    yield Stage("global scaling", stop_rule="parameters", reach=0.15, **far), scaling
+    for name, reach, loosening in (("region, coarse", 0.05, 10.0), ("region, fine", 0.02, 3.0)):
+        tolerance = patience * loosening * options.tolerance
+        bending = REGION_BENDING * options.smoothness
+        yield Stage(name, reach=reach, bending=bending, tolerance=tolerance, **far), closed.at
+    sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
+    inside, outside = _starting_levels(target, sampler, options)
+    voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
+    for name, widening, loosening in (("grey levels, coarse", 1.5, 3.0), ("grey levels, fine", 1.0, 1.0)):
+        stage = Stage(
+            name,
+            sampler,
+            Levels(inside, outside, widening * options.tau, mode=options.levels, voxel=voxel),
+            centered=options.centered,
+            reach=0.5,
+            n_depths=5,
+            bending=options.smoothness,
+            sliding=SLIDING,
+            anchor=ANCHOR,
+            tolerance=patience * loosening * options.tolerance,
+            cost_tolerance=patience * loosening * COST_TOLERANCE,
+            **common,
+        )
+        yield stage, closed.at
+
+
+def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margin: float) -> Image:
+    """Cut out the image around the region, in the organ's frame."""
+    reach = np.ceil(margin / image.spacing[::-1]).astype(int) + 1
+    start = np.maximum(np.asarray(region.offset) - reach, 0)
+    stop = np.minimum(np.asarray(region.offset) + region.mask.shape + reach, image.array.shape)
+    crop = image.crop(start, stop)
+    return Image(crop.array, np.linalg.inv(local_to_ras) @ crop.ijk_to_ras)
+
+
+def _starting_levels(target: RegionImage, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels inside the region and just outside of it; given levels where the user gave them."""
+    distance = target.distance
+    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * options.tau)
+    values, valid = sampler.values(distance.to_ras(np.column_stack([i, j, k])))
+    away = distance.array[k, j, i]
+    inside = values[valid & (away < 0.0)]
+    outside = values[valid & (away > 0.0)]
+    if not len(inside) or not len(outside):
+        msg = "The region fills the volume up to its border; a surface needs surroundings to be seen against."
+        raise ValueError(msg)
+    given = options.levels == "given"
+    return (
+        options.inside if given else float(np.median(inside)),
+        options.outside if given else float(np.median(outside)),
+    )

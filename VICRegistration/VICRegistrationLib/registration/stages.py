@@ -1,0 +1,167 @@
+"""A multi-scale plan: stages that run one after the other, each a generator of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.bending import bending_matrix
+from ..geometry.parametrization import Parametrization
+from ..geometry.surface import BSplineSurface
+from ..imaging.sampling import Sampler
+from .correlation import Correlation, SampleGrid
+from .levels import Levels
+from .profile import cosine_ramp, linear_ramp
+from .solvers import SOLVERS, Objective
+
+STOP_RULES = ("displacement", "parameters")
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One stage of a registration.
+
+    Parameters
+    ----------
+    name : str
+        Shown with progress and in the convergence table.
+    sampler : Sampler
+        The image of this stage.
+    levels : Levels
+        Levels and ramp width of its virtual image.
+    ramp : {"cosine", "linear"}
+        Shape of the profile's ramp: equation 3, or straight for a distance image.
+    centered : bool
+        Whether the surface lies at half height of the ramp (default) or at its inner foot, as published.
+    reach : float
+        Samples lie between -reach and +reach widths from the surface (from the middle of the ramp).
+    n_depths : int
+        Number of samples along each normal.
+    bending, sliding, anchor : float
+        Weights of energies of the displacement since the stage began, in units of the ramp's width; dimensionless.
+        Bending is the thin-plate energy (1 for one wave around the organ as high as the ramp is wide), sliding the mean
+        square within the surface, which the image does not determine, anchor the mean square along the normal.
+    solver : {"gauss-newton", "gradient-descent"}
+    stop_rule : {"displacement", "parameters"}
+        Stop when no control point moved by more than `tolerance` (mm), or no degree of freedom changed by more than
+        `tolerance`: the paper's rules for local and for global registration.
+    tolerance : float
+    cost_tolerance : float
+        Stop as well when an iteration lowered the cost by less than this fraction; 0 leaves only the paper's rules.
+    max_iterations : int
+    largest_step : float
+        Largest displacement of a control point in one iteration, mm.
+    """
+
+    name: str
+    sampler: Sampler
+    levels: Levels
+    ramp: str = "cosine"
+    centered: bool = True
+    reach: float = 1.0
+    n_depths: int = 9
+    bending: float = 0.0
+    sliding: float = 0.0
+    anchor: float = 0.0
+    solver: str = "gauss-newton"
+    stop_rule: str = "displacement"
+    tolerance: float = 0.01
+    cost_tolerance: float = 0.0
+    max_iterations: int = 50
+    largest_step: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        if self.solver not in SOLVERS:
+            msg = f"The solver {self.solver!r} was asked for; choose one of {', '.join(SOLVERS)}."
+            raise ValueError(msg)
+        if self.stop_rule not in STOP_RULES:
+            msg = f"The stop rule {self.stop_rule!r} was asked for; choose one of {', '.join(STOP_RULES)}."
+            raise ValueError(msg)
+
+    def correlation(self, parametrization: Parametrization, grid: SampleGrid) -> Correlation:
+        """Make the correlation that this stage minimises over a parametrization."""
+        depths = np.linspace(-self.reach, self.reach, self.n_depths) + (0.0 if self.centered else 0.5)
+        ramp = {"cosine": cosine_ramp, "linear": linear_ramp}[self.ramp](depths, centered=self.centered)
+        return Correlation(self.sampler, parametrization, grid, depths=depths, ramp=ramp, levels=self.levels)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What is known after one iteration.
+
+    Parameters
+    ----------
+    stage : str
+        Name of the stage.
+    iteration : int
+        Number of the iteration in this stage, from 1.
+    cost : float
+        Mean squared residual in units of the contrast.
+    displacement : float
+        Largest displacement of a control point, mm.
+    surface : BSplineSurface
+        The surface now.
+    converged : bool
+        Whether the stage's stop rule is met.
+    """
+
+    stage: str
+    iteration: int
+    cost: float
+    displacement: float
+    surface: BSplineSurface
+    converged: bool
+
+
+def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> Generator[Step, None, np.ndarray]:
+    """Run one stage from the parametrization's surface (q = 0).
+
+    Parameters
+    ----------
+    stage : Stage
+    parametrization : Parametrization
+    grid : SampleGrid
+        Sample grid for surfaces with this surface's knots.
+
+    Yields
+    ------
+    Step
+        One for every iteration.
+
+    Returns
+    -------
+    (n_dof,) ndarray
+        The degrees of freedom at the end.
+    """
+    correlation = stage.correlation(parametrization, grid)
+    objective = Objective(correlation, stiffness=_stiffness(stage, correlation))
+    q = np.zeros(parametrization.n_dof)
+    iterates = SOLVERS[stage.solver](objective, q, largest_step=stage.largest_step)
+    for iteration in range(1, stage.max_iterations + 1):
+        iterate = next(iterates)
+        q = iterate.q
+        moved = iterate.displacement if stage.stop_rule == "displacement" else iterate.change
+        converged = moved < stage.tolerance or iterate.decrease < stage.cost_tolerance
+        surface = parametrization.deform(q)
+        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, converged)
+        if converged:
+            break
+    return q
+
+
+def _stiffness(stage: Stage, correlation: Correlation):
+    """Bending, sliding and anchor energies over the degrees of freedom."""
+    parametrization = correlation.parametrization
+    unit = stage.levels.width**2
+    total = correlation.displacement_form(
+        np.zeros(parametrization.n_dof), tangential=stage.sliding / unit, normal=stage.anchor / unit
+    )
+    if stage.bending > 0.0:
+        # One wave around the organ has second derivatives of (2 pi)^2 times its height.
+        weight = stage.bending / unit / (2.0 * np.pi) ** 4
+        form = weight * parametrization.quadratic_form(bending_matrix(parametrization.surface))
+        total = total + (form if correlation.sparse else form.toarray())
+    return total
