@@ -107,12 +107,10 @@ class Parametrization:
         (n_dof,) ndarray
         """
         offset = (np.asarray(control_net) - self.surface.control_net).reshape(-1, 3)
-        stacked = sparse.lil_matrix((3 * len(offset), self.n_dof))
+        right = np.zeros(self.n_dof)
         for k, (matrix, index) in enumerate(zip(self.matrices, self.indices)):
-            stacked[k * len(offset) : (k + 1) * len(offset), index] = matrix
-        stacked = stacked.tocsr()
-        normal = (stacked.T @ stacked).tocsc()
-        return sparse_linalg.spsolve(normal, stacked.T @ offset.T.ravel())
+            np.add.at(right, index, matrix.T @ offset[:, k])
+        return sparse_linalg.spsolve(self.quadratic_form(sparse.identity(len(offset))), right)
 
 
 def _same_for_all_coordinates(surface: BSplineSurface, matrix: sparse.spmatrix) -> Parametrization:

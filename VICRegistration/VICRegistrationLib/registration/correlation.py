@@ -20,6 +20,8 @@ from .levels import PROBE_DEPTHS, Levels
 
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
+# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
+_KEPT_MOTIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,8 @@ class SampleGrid:
             products = [basis @ matrix for basis in self.bases[:3]]
             # The matrix is kept too, so that its id stays its own.
             self._motions[id(matrix)] = matrix, tuple(p.toarray() if dense else p.tocsr() for p in products)
+            while len(self._motions) > _KEPT_MOTIONS:
+                del self._motions[next(iter(self._motions))]
         return self._motions[id(matrix)][1]
 
 
@@ -75,7 +79,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Residuals (n, m), image gradients (n, m, 3) and weights (n, m) that sum to one."""
+    """Residuals (n, m), image gradients (n, m, 3) and weights (n, m), which sum to the share in the volume."""
 
     frame: Frame
     residuals: np.ndarray

@@ -111,8 +111,8 @@ class OrganFit:
     converged : bool
         Whether the last stage met its stop rule.
     cost_initial, cost_final : float
-        Cost of the last stage (grey levels) at its first and its last iteration: mean squared residual in units of the
-        contrast between inside and outside.
+        Cost of the generic model as placed and of the fitted surface, both seen as the last stage sees the surface at
+        its end: mean squared residual in units of the contrast between inside and outside.
     seconds : float
         Time from the separated region to the surface.
     options : FitOptions
@@ -198,7 +198,7 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
     pose = moments(region)
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
-    surface = generic_model(pose, options)
+    model = surface = generic_model(pose, options)
     closed, grid = machinery(options.net, options.closure)
     history: list[Step] = []
     for stage, parametrize in plan(image, region, local_to_ras, closed, options):
@@ -207,14 +207,17 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
             step = replace(step, surface=surface.transformed(local_to_ras))
             history.append(step)
             yield step
-    last = [step for step in history if step.stage == history[-1].stage]
+    # Both costs are those of the last stage, with the levels found at its end: they can be compared.
+    final = stage.correlation(closed.at(surface), grid)
+    final_cost = final.sample(np.zeros(closed.n_dof)).cost
+    model_cost = final.sample(final.parametrization.fit(model.control_net)).cost
     return OrganFit(
         surface=history[-1].surface,
         region=region,
         history=tuple(history),
         converged=history[-1].converged,
-        cost_initial=last[0].cost,
-        cost_final=last[-1].cost,
+        cost_initial=model_cost,
+        cost_final=final_cost,
         seconds=time.perf_counter() - start,
         options=options,
     )

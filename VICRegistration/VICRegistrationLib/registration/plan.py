@@ -56,8 +56,9 @@ def machinery(net: tuple[int, int], closure: str) -> tuple[Parametrization, Samp
 
 
 def _grid_shape(net: tuple[int, int]) -> tuple[int, int]:
-    """Count the samples around the tube and from pole to pole: four to each span of a cubic net."""
-    return max(4 * (net[0] - 1), 24), max(4 * (net[1] - 3), 16)
+    """Count the samples around the tube and from pole to pole: four to a span, two where there are very many."""
+    around, along = net[0] - 1, net[1] - 3
+    return max(4 * min(around, 16), 2 * around, 24), max(4 * min(along, 16), 2 * along, 16)
 
 
 def plan(

@@ -190,5 +190,10 @@ def _damped_solution(hessian, gradient: np.ndarray, damping: float) -> np.ndarra
     # Directions without any support get the mean support, so that the matrix stays regular.
     lift = damping * (diagonal + diagonal.mean()) + 1e-9 * diagonal.mean() + 1e-300
     if sparse.issparse(hessian):
-        return -sparse_linalg.spsolve((hessian + sparse.diags(lift)).tocsc(), gradient)
+        matrix = (hessian + sparse.diags(lift)).tocsc()
+        # The ordering and the pivoting for symmetric positive definite matrices: several times faster.
+        factors = sparse_linalg.splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        return -factors.solve(gradient)
     return -linalg.solve(hessian + np.diag(lift), gradient, assume_a="pos", check_finite=False)
