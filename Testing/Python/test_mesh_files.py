@@ -1,0 +1,115 @@
+"""VTP and STL files lie in place in Slicer, and a VTP file gives the surface back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOGeometry import vtkSTLReader
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+from VICRegistrationLib.export.mesh_files import read_vtp_surface, write_stl, write_vtp
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.triangulation import triangulate
+
+LPS = np.array([-1.0, -1.0, 1.0])
+
+
+@pytest.fixture
+def surface():
+    return closed_organ(axes=np.diag([20.0, 25.0, 30.0]), center=(-12.3, 45.6, 7.8))
+
+
+@pytest.fixture
+def mesh(surface):
+    return triangulate(surface, resolution=(24, 16))
+
+
+def read_with(reader, path):
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()
+
+
+def test_a_vtp_file_says_lps_and_holds_points_in_lps(surface, mesh, tmp_path):
+    write_vtp(mesh, surface, tmp_path / "a.vtp", name="bladder")
+    data = read_with(vtkXMLPolyDataReader(), tmp_path / "a.vtp")
+    space = data.GetFieldData().GetAbstractArray("SPACE")
+    assert space.GetClassName() == "vtkStringArray"
+    assert [space.GetValue(n) for n in range(space.GetNumberOfValues())] == ["LPS"]
+    np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), mesh.points * LPS)
+    np.testing.assert_array_equal(vtk_to_numpy(data.GetPointData().GetNormals()), mesh.normals * LPS)
+    triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    np.testing.assert_array_equal(triangles, mesh.triangles)
+
+
+def test_a_vtp_file_holds_the_control_net_with_its_frame(surface, mesh, tmp_path):
+    write_vtp(mesh, surface, tmp_path / "a.vtp", name="Blasé")
+    fields = read_with(vtkXMLPolyDataReader(), tmp_path / "a.vtp").GetFieldData()
+    texts = {key: fields.GetAbstractArray(key).GetValue(0) for key in ("name", "unit", "control_net_space")}
+    assert texts == {"name": "Blasé", "unit": "mm", "control_net_space": "RAS"}
+    n_u, n_v, _ = surface.control_net.shape
+    assert vtk_to_numpy(fields.GetArray("control_net_shape")).tolist() == [n_u, n_v]
+    net = vtk_to_numpy(fields.GetArray("control_net"))
+    np.testing.assert_array_equal(net[1 * n_v + 2], surface.control_net[1, 2])
+
+
+def test_the_surface_comes_back_to_the_last_bit(surface, mesh, tmp_path):
+    write_vtp(mesh, surface, tmp_path / "a.vtp", name="bladder")
+    again = read_vtp_surface(tmp_path / "a.vtp")
+    assert again.degrees == surface.degrees
+    np.testing.assert_array_equal(again.knots_u, surface.knots_u)
+    np.testing.assert_array_equal(again.knots_v, surface.knots_v)
+    np.testing.assert_array_equal(again.control_net, surface.control_net)
+
+
+def test_an_stl_file_says_lps_and_holds_points_in_lps(mesh, tmp_path):
+    write_stl(mesh, tmp_path / "a.stl", name="bladder")
+    reader = vtkSTLReader()
+    data = read_with(reader, tmp_path / "a.stl")
+    assert reader.GetHeader().startswith("3D Slicer output. SPACE=LPS bladder")
+    assert data.GetNumberOfCells() == len(mesh.triangles)
+    bounds = np.array(data.GetBounds()).reshape(3, 2).T
+    expected = np.array([(mesh.points * LPS).min(axis=0), (mesh.points * LPS).max(axis=0)])
+    # STL holds single precision: 50 mm to 4e-6 mm.
+    np.testing.assert_allclose(bounds, expected, atol=1e-5)
+
+
+def test_the_facets_of_an_stl_file_point_outward(mesh, tmp_path):
+    write_stl(mesh, tmp_path / "a.stl", name="bladder")
+    facets = np.frombuffer(
+        (tmp_path / "a.stl").read_bytes()[84:],
+        dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")],
+    )
+    outward = facets["corners"].mean(axis=1) - (mesh.points * LPS).mean(axis=0)
+    assert (np.einsum("nk,nk->n", facets["normal"], outward) > 0).all()
+
+
+@pytest.mark.parametrize("name", ["x" * 200, "Größe", ""])
+def test_any_name_leaves_an_stl_header_of_80_bytes(mesh, tmp_path, name):
+    write_stl(mesh, tmp_path / "a.stl", name=name)
+    content = (tmp_path / "a.stl").read_bytes()
+    assert len(content) == 84 + 50 * len(mesh.triangles)
+    assert int.from_bytes(content[80:84], "little") == len(mesh.triangles)
+
+
+@pytest.mark.parametrize("content", [b"", b"<VTKFile", b"\x00\xff", b"solid"])
+def test_a_file_without_a_surface_is_refused(tmp_path, content, capfd):
+    (tmp_path / "a.vtp").write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.vtp lacks degrees, .* in its field data; give a VTP file"):
+        read_vtp_surface(tmp_path / "a.vtp")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(OSError, match=r"none\.vtp cannot be read \(No such file"):
+        read_vtp_surface(tmp_path / "none.vtp")
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing(surface, mesh, tmp_path):
+    with pytest.raises(OSError, match=r"a\.vtp cannot be written"):
+        write_vtp(mesh, surface, tmp_path / "none" / "a.vtp", name="bladder")
+    (tmp_path / "a.stl").mkdir()
+    with pytest.raises(OSError, match=r"a\.stl cannot be written"):
+        write_stl(mesh, tmp_path / "a.stl", name="bladder")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.stl"]

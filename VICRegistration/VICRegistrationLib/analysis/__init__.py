@@ -1,0 +1,1 @@
+"""Measures of a fitted surface: deviation from a reference, and reports."""

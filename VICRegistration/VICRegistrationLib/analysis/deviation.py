@@ -1,0 +1,207 @@
+"""How far a fitted surface is from the true one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Union
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
+
+from ..geometry.projection import closest_points
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import TriangleMesh
+from ..imaging.image import Image
+
+# Cells in u and in v within which the area of a surface is taken as evenly spread: it changes by some 1 % across one.
+_CELLS = (256, 256)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Distances between a reference and a fitted surface, all in mm.
+
+    Parameters
+    ----------
+    mean, std, rms, p95, maximum : float
+        Of the distance, which is never negative: mean, standard deviation, root of the mean square, 95th percentile and
+        largest.
+    mean_signed : float
+        Mean of the signed distance: positive where the fitted surface lies outside of the reference.
+    n : int
+        Number of points of the reference.
+    """
+
+    mean: float
+    std: float
+    rms: float
+    p95: float
+    maximum: float
+    mean_signed: float
+    n: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceMesh:
+    """Triangles to measure against.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    triangles : (m, 3) ndarray of int
+        Counter-clockwise seen from outside.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+
+
+Reference = Union[BSplineSurface, TriangleMesh, ReferenceMesh]
+
+
+def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 10_000, seed: int = 0) -> Deviation:
+    """Measure a fitted surface against a reference.
+
+    Parameters
+    ----------
+    fitted : BSplineSurface
+        RAS mm, outward normals.
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh
+        RAS mm.
+    n_points : int
+        Number of points of the reference, spread evenly over its area.
+    seed : int
+        Seed of the random numbers that place them.
+
+    Returns
+    -------
+    Deviation
+
+    Raises
+    ------
+    ValueError
+        If there are no points to measure at.
+
+    Notes
+    -----
+    From each point of the reference to the closest point of the exact fitted surface, not of its triangles.
+    """
+    if n_points < 1:
+        msg = f"{n_points} points were asked for; give at least one to measure at."
+        raise ValueError(msg)
+    points = points_on(reference, n_points, seed=seed)
+    # A reference point on the outer side of the fitted surface means that the fitted surface lies inside.
+    signed = -closest_points(fitted, points).distances
+    distances = np.abs(signed)
+    return Deviation(
+        mean=float(distances.mean()),
+        std=float(distances.std()),
+        rms=float(np.sqrt(np.mean(distances**2))),
+        p95=float(np.percentile(distances, 95)),
+        maximum=float(distances.max()),
+        mean_signed=float(signed.mean()),
+        n=len(points),
+    )
+
+
+def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarray:
+    """Points spread evenly over the area of a reference.
+
+    Parameters
+    ----------
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh
+        RAS mm.
+    n_points : int
+    seed : int
+        The same seed gives the same points.
+
+    Returns
+    -------
+    (n_points, 3) ndarray
+        RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If the reference has no area.
+    """
+    random = np.random.default_rng(seed)
+    if isinstance(reference, BSplineSurface):
+        return _points_on_surface(reference, n_points, random)
+    corners = np.asarray(reference.points, dtype=float)[reference.triangles]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    chosen = _chosen(np.linalg.norm(np.cross(first, second), axis=1), n_points, random)
+    a, b = random.random((2, n_points, 1))
+    # The unit square folded onto its lower triangle.
+    a, b = np.where(a + b > 1.0, 1.0 - a, a), np.where(a + b > 1.0, 1.0 - b, b)
+    return corners[chosen, 0] + a * first[chosen] + b * second[chosen]
+
+
+def mesh_of_mask(mask: Image, *, level: float = 0.5) -> ReferenceMesh:
+    """Surface of a label image, for measuring against a segmentation.
+
+    Parameters
+    ----------
+    mask : Image
+        Voxels of the organ are 1, others 0; fractions are welcome. The grid may be oblique and left-handed.
+    level : float
+        Value at the surface.
+
+    Returns
+    -------
+    ReferenceMesh
+        Closed; where the organ touches the border of the volume, the surface passes half a voxel outside of the outer
+        voxel centres.
+
+    Raises
+    ------
+    ValueError
+        If no voxel reaches the level.
+
+    Notes
+    -----
+    Flying edges (Schroeder, Maynard, Geveci, 2015) on the grid's indices, whose points are then taken to the world.
+    """
+    array = np.pad(np.asarray(mask.array, dtype=np.float32), 1)
+    if not array.max() > level:
+        msg = f"No voxel of the mask is above {level:g}; a reference needs an organ, choose another label."
+        raise ValueError(msg)
+    volume = vtkImageData()
+    volume.SetDimensions(*array.shape[::-1])
+    volume.GetPointData().SetScalars(numpy_to_vtk(array.ravel(), deep=True))
+    contour = vtkFlyingEdges3D()
+    contour.SetInputData(volume)
+    contour.SetValue(0, level)
+    contour.ComputeNormalsOff()
+    contour.ComputeGradientsOff()
+    contour.ComputeScalarsOff()
+    contour.Update()
+    mesh = contour.GetOutput()
+    points = mask.to_ras(vtk_to_numpy(mesh.GetPoints().GetData()).astype(float) - 1.0)
+    triangles = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    corners = points[triangles] - points.mean(axis=0)
+    volume_sixfold = np.einsum("nk,nk->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    # On a left-handed grid the order of the corners turns over with the space.
+    return ReferenceMesh(points, triangles if volume_sixfold > 0 else triangles[:, ::-1])
+
+
+def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random.Generator) -> np.ndarray:
+    """Exact points of a surface: cells of its domain chosen by their area, then a place in the cell."""
+    edges = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, _CELLS)]
+    middles = [(edge[1:] + edge[:-1]) / 2.0 for edge in edges]
+    areas = np.linalg.norm(np.cross(surface.grid(*middles, du=1), surface.grid(*middles, dv=1)), axis=2)
+    cells = np.unravel_index(_chosen(areas.ravel(), n_points, random), areas.shape)
+    u, v = (edge[cell] + random.random(n_points) * (edge[1] - edge[0]) for edge, cell in zip(edges, cells))
+    return surface.points(u, v)
+
+
+def _chosen(weights: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+    """Numbers of entries chosen with a probability in proportion to their weights."""
+    total = np.cumsum(weights)
+    if not len(total) or not total[-1] > 0.0:
+        msg = "The reference has no area; give a surface or a mesh with triangles."
+        raise ValueError(msg)
+    return np.searchsorted(total, random.random(count) * total[-1], side="right").clip(0, len(total) - 1)

@@ -1,0 +1,365 @@
+"""Pictures of fitted organs: slices with contours, a 3D view and the convergence. Needs matplotlib."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..files import replacing
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import TriangleMesh, triangulate
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
+from ..registration.organ import OrganFit
+from .deviation import deviation
+from .shading import Camera, shaded_triangles
+from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
+
+ORGAN_COLOURS = {"bladder": "#f5b82e", "vagina": "#ea6a9d", "rectum": "#4fb477", "uterus": "#9a7be0"}
+_OTHER_COLOURS = ("#3f9be0", "#e8743b", "#35b8b1", "#b58a5b")
+_TRUTH_COLOUR = "#49d6ff"
+_REGION_COLOUR = "#ffffff"
+_OUTSIDE_COLOUR = "#1b1f27"
+_TEXT_COLOUR = "#2b2f36"
+_STAGE_COLOURS = ("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6")
+# Seen from the patient's left, from the front and from above: organs of the pelvis do not hide one another.
+_VIEWER = (-0.80, 0.52, 0.30)
+_FRONT_VIEWER = (0.30, 0.90, 0.30)
+_MARGIN_MM = 18.0
+_DPI = 130
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """One surface of a picture."""
+
+    mesh: TriangleMesh
+    colour: str
+    label: str
+    dashed: bool = False
+
+
+def require_matplotlib() -> None:
+    """Refuse to go on without matplotlib.
+
+    Raises
+    ------
+    RuntimeError
+        If it is not installed.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        msg = (
+            "Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]', or leave "
+            "the pictures out with --no-pictures."
+        )
+        raise RuntimeError(msg) from error
+
+
+def organ_colours(names: Sequence[str]) -> dict[str, str]:
+    """Give each organ its colour: the usual one of its name, or the next of a few others.
+
+    Parameters
+    ----------
+    names : sequence of str
+
+    Returns
+    -------
+    dict of str to str
+        Colours as "#rrggbb".
+    """
+    unknown = [name for name in names if name.lower() not in ORGAN_COLOURS]
+    others = {name: _OTHER_COLOURS[number % len(_OTHER_COLOURS)] for number, name in enumerate(unknown)}
+    return {name: others.get(name) or ORGAN_COLOURS[name.lower()] for name in names}
+
+
+def organ_picture(
+    path: str | os.PathLike, image: Image, fit: OrganFit, name: str, *, truth: BSplineSurface | None = None
+) -> None:
+    """Draw three slices with the contour, a 3D view and the convergence of one organ.
+
+    Parameters
+    ----------
+    path : path
+        PNG file to write.
+    image : Image
+        The grey levels that were fitted.
+    fit : OrganFit
+    name : str
+        Name of the organ.
+    truth : BSplineSurface, optional
+        Its contour is drawn too, and the deviation from it told.
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    colour = organ_colours([name])[name]
+    surfaces = [_Shown(_fine_mesh(fit.surface), colour, "fitted surface")]
+    contours = list(surfaces)
+    if truth is not None:
+        contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "truth", dashed=True))
+    figure = _figure(name, _summary(fit, truth))
+    center, half_width = _framing([contours[0].mesh])
+    _draw_slices(figure, image, center, half_width, contours, region=fit.region.image)
+    _draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, _VIEWER)
+    _draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
+    _save(figure, path)
+
+
+def overview_picture(
+    path: str | os.PathLike,
+    image: Image,
+    fits: Mapping[str, OrganFit],
+    *,
+    truths: Mapping[str, BSplineSurface] | None = None,
+) -> None:
+    """Draw all organs in three slices and in 3D.
+
+    Parameters
+    ----------
+    path : path
+        PNG file to write.
+    image : Image
+        The grey levels that were fitted.
+    fits : mapping of str to OrganFit
+        By the organs' names.
+    truths : mapping of str to BSplineSurface, optional
+        By the organs' names; their contours are drawn too.
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    OSError
+        If the file cannot be written.
+    ValueError
+        If there are no organs.
+    """
+    if not fits:
+        msg = "No organ was given; an overview needs at least one."
+        raise ValueError(msg)
+    colours = organ_colours(list(fits))
+    surfaces = [_Shown(_fine_mesh(fit.surface), colours[name], name) for name, fit in fits.items()]
+    contours = list(surfaces)
+    for number, truth in enumerate((truths or {}).values()):
+        contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "" if number else "truth", dashed=True))
+    volumes = ", ".join(f"{name} {fit.surface.volume() / 1000.0:.1f} ml" for name, fit in fits.items())
+    figure = _figure("Fitted organs", [volumes])
+    center, half_width = _framing([shown.mesh for shown in surfaces])
+    _draw_slices(figure, image, center, half_width, contours)
+    for number, viewer in enumerate((_VIEWER, _FRONT_VIEWER)):
+        _draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
+    _save(figure, path)
+
+
+def _figure(title: str, lines: Sequence[str]):
+    require_matplotlib()
+    # Without pyplot: no window system and no global state, also inside another program.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 9.6), dpi=_DPI, facecolor="white")
+    figure.text(0.02, 0.972, title, size=19, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.02, 0.937, "\n".join(lines), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    return figure
+
+
+def _save(figure, path: str | os.PathLike) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    with replacing(path) as draft:
+        figure.savefig(draft, format="png")
+
+
+def _summary(fit: OrganFit, truth: BSplineSurface | None) -> list[str]:
+    """Tell the result in one line or two."""
+    end = "converged" if fit.converged else "not converged"
+    parts = [
+        f"volume {fit.surface.volume() / 1000.0:.1f} ml (separated {fit.region.volume_ml:.1f} ml)",
+        f"area {fit.surface.area() / 100.0:.1f} cm²",
+        f"net {fit.options.net[0]}x{fit.options.net[1]} {fit.options.closure}",
+        f"{fit.iterations} iterations, {end}",
+        f"{fit.seconds:.2f} s",
+    ]
+    lines = ["   ·   ".join(parts)]
+    if truth is not None:
+        found = deviation(fit.surface, truth, n_points=2000)
+        lines.append(
+            f"deviation from the truth: mean {found.mean:.2f} mm, signed {found.mean_signed:+.2f} mm, "
+            f"95 % below {found.p95:.2f} mm, largest {found.maximum:.2f} mm"
+        )
+    return lines
+
+
+def _fine_mesh(surface: BSplineSurface) -> TriangleMesh:
+    """Triangles small enough to look smooth."""
+    return triangulate(surface, resolution=(128, 80))
+
+
+def _framing(meshes: Sequence[TriangleMesh]) -> tuple[np.ndarray, float]:
+    """Centre and half width (mm) of a cube around meshes, with a margin."""
+    low = np.min([mesh.points.min(axis=0) for mesh in meshes], axis=0)
+    high = np.max([mesh.points.max(axis=0) for mesh in meshes], axis=0)
+    return (low + high) / 2.0, float((high - low).max()) / 2.0 + _MARGIN_MM
+
+
+def _draw_slices(figure, image: Image, center, half_width, contours: Sequence[_Shown], *, region=None) -> None:
+    """Draw axial, coronal and sagittal slices side by side, on one scale of mm and of grey."""
+    sampler = Sampler(surrounding_crop(image, center, half_width))
+    region_sampler = None if region is None else Sampler(region)
+    views = [View(orientation, center, half_width) for orientation in ORIENTATIONS]
+    slices = [slice_of(sampler, view) for view in views]
+    known = np.concatenate([grey.compressed() for grey in slices])
+    window = np.percentile(known, (1.0, 99.5)) if len(known) else (0.0, 1.0)
+    for number, (view, grey) in enumerate(zip(views, slices)):
+        axes = figure.add_axes((0.02 + 0.325 * number, 0.475, 0.31, 0.40))
+        axes.set_facecolor(_OUTSIDE_COLOUR)
+        axes.imshow(
+            grey,
+            origin="lower",
+            extent=view.extent,
+            cmap="gray",
+            vmin=window[0],
+            vmax=window[1],
+            interpolation="bilinear",
+        )
+        if region_sampler is not None:
+            _draw_region(axes, region_sampler, view)
+        for shown in contours:
+            _draw_contour(axes, shown, view)
+        _annotate_slice(axes, view)
+    _draw_legend(figure.axes[-3], contours, with_region=region is not None)
+
+
+def _draw_region(axes, sampler: Sampler, view: View) -> None:
+    inside = slice_of(sampler, view, count=300).filled(0.0)
+    if inside.max() > 0.5 > inside.min():
+        axes.contour(
+            inside,
+            levels=[0.5],
+            origin="lower",
+            extent=view.extent,
+            colors=[_REGION_COLOUR],
+            linewidths=0.8,
+            linestyles="dotted",
+        )
+
+
+def _draw_contour(axes, shown: _Shown, view: View) -> None:
+    for line in cut(shown.mesh, view):
+        style = {"linestyle": (0, (3, 2)), "linewidth": 1.1} if shown.dashed else {"linewidth": 1.7}
+        axes.plot(*line.T, color=shown.colour, solid_joinstyle="round", **style)
+
+
+def _annotate_slice(axes, view: View) -> None:
+    """Letters of the patient's sides, the name of the view and a scale."""
+    left, right, bottom, top = view.extent
+    axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    places = ((0.02, 0.5, "left", "center"), (0.98, 0.5, "right", "center"))
+    places += ((0.5, 0.02, "center", "bottom"), (0.5, 0.98, "center", "top"))
+    for letter, (x, y, horizontal, vertical) in zip(view.orientation.labels, places):
+        _text(axes, x, y, letter, size=12, weight="bold", ha=horizontal, va=vertical)
+    _text(axes, 0.02, 0.98, f"{view.orientation.name}  {view.position}", size=9.5, ha="left", va="top")
+    length = _scale_length(view.half_width)
+    x, y = right - 0.04 * (right - left), bottom + 0.05 * (top - bottom)
+    axes.plot([x - length, x], [y, y], color="white", linewidth=2.2, solid_capstyle="butt")
+    _text(axes, 0.96 - length / (right - left) / 2.0, 0.065, f"{length} mm", size=9, ha="center", va="bottom")
+
+
+def _text(axes, x: float, y: float, text: str, **style) -> None:
+    """White text that can be read on any grey."""
+    from matplotlib.patheffects import withStroke
+
+    outline = [withStroke(linewidth=2.6, foreground="#101318")]
+    axes.text(x, y, text, transform=axes.transAxes, color="white", path_effects=outline, **style)
+
+
+def _scale_length(half_width: float) -> int:
+    """Length of a scale bar that takes up to a third of the width, mm."""
+    return max((length for length in (5, 10, 20, 50, 100) if length <= 0.66 * half_width), default=5)
+
+
+def _draw_legend(axes, contours: Sequence[_Shown], *, with_region: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=shown.colour, lw=1.8, ls="--" if shown.dashed else "-", label=shown.label)
+        for shown in contours
+        if shown.label
+    ]
+    if with_region:
+        handles.append(Line2D([], [], color=_REGION_COLOUR, lw=1.0, ls=":", label="separated region"))
+    axes.legend(
+        handles=handles,
+        loc="lower left",
+        fontsize=8.5,
+        labelcolor="white",
+        facecolor="#00000080",
+        edgecolor="none",
+        borderpad=0.5,
+    )
+
+
+def _draw_scene(axes, surfaces: Sequence[_Shown], viewer: Sequence[float]) -> None:
+    """Draw lit surfaces, seen from a direction (RAS), with a scale and the patient's directions."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
+    camera = Camera.from_direction(viewer)
+    corners, shades = shaded_triangles(
+        [shown.mesh for shown in surfaces], [to_rgb(shown.colour) for shown in surfaces], camera
+    )
+    # Edges in the colour of the faces close the hairlines that antialiasing leaves between neighbours.
+    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    space = 0.22 * (high - low).max()
+    axes.set(xlim=(low[0] - 1.1 * space, high[0] + 0.5 * space), ylim=(low[1] - space, high[1] + 0.15 * space))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    origin = np.array([low[0] - 0.45 * space, low[1] - 0.45 * space])
+    for direction, letter in (((-1, 0, 0), "L"), ((0, 1, 0), "A"), ((0, 0, 1), "S")):
+        tip = 0.5 * space * camera.project(np.array(direction, dtype=float))
+        arrow = {"arrowstyle": "-|>", "color": _TEXT_COLOUR, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", xy=origin + tip, xytext=origin, arrowprops=arrow)
+        axes.text(*(origin + 1.28 * tip), letter, size=10, ha="center", va="center", color=_TEXT_COLOUR)
+    length = _scale_length(float((high - low).max()) / 2.0)
+    end = np.array([high[0] + 0.2 * space, low[1] - 0.7 * space])
+    axes.plot([end[0] - length, end[0]], [end[1]] * 2, color=_TEXT_COLOUR, linewidth=2.4, solid_capstyle="butt")
+    axes.text(end[0] - length / 2.0, end[1] + 0.06 * space, f"{length} mm", size=9, ha="center", color=_TEXT_COLOUR)
+
+
+def _draw_convergence(axes, fit: OrganFit) -> None:
+    """Draw the cost against the iteration, stage by stage."""
+    stages = list(dict.fromkeys(step.stage for step in fit.history))
+    first = 1
+    for number, stage in enumerate(stages):
+        costs = np.array([step.cost for step in fit.history if step.stage == stage])
+        colour = _STAGE_COLOURS[number % len(_STAGE_COLOURS)]
+        iterations = np.arange(first, first + len(costs))
+        first += len(costs)
+        label = f"{stage} ({len(costs)})"
+        axes.semilogy(iterations, costs, color=colour, linewidth=1.8, marker="o", markersize=3.2, label=label)
+        if number:
+            axes.axvline(iterations[0] - 0.5, color="#c9ced6", linewidth=0.9, zorder=0)
+    axes.set_xlabel("iteration", color=_TEXT_COLOUR)
+    axes.set_ylabel("cost (mean squared residual / contrast²)", color=_TEXT_COLOUR)
+    axes.set_title(
+        "Convergence: each stage has an image and a cost of its own", size=10.5, loc="left", color=_TEXT_COLOUR
+    )
+    axes.margins(x=0.02)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(fontsize=9, frameon=False, title="stage (iterations)", title_fontsize=9)

@@ -1,0 +1,1 @@
+"""Writing of fitted surfaces for other programs."""
