@@ -1,0 +1,246 @@
+"""``vic-registration fit`` and its files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
+
+from VICRegistrationLib import __version__, cli
+from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.cli.arguments import parsed_arguments
+from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.geometry.surface_file import read_surface_record
+from VICRegistrationLib.imaging.reading import write_image
+
+ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
+
+
+@pytest.fixture(scope="module")
+def image_path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("image") / "mri.nii.gz"
+    write_image(ellipsoid_image(), path)
+    return path
+
+
+@pytest.fixture
+def config(tmp_path):
+    """Write a configuration of the given organs."""
+
+    def write(*organs, **content):
+        path = tmp_path / "organs.json"
+        path.write_text(json.dumps({"schema": "vic-registration/organs", "version": 1, "organs": organs, **content}))
+        return path
+
+    return write
+
+
+def fit(*words):
+    return cli.main(["fit", *map(str, words)])
+
+
+@pytest.fixture(scope="module")
+def fitted(image_path, tmp_path_factory):
+    """Folder of a fit from flags."""
+    folder = tmp_path_factory.mktemp("fit") / "out"
+    assert fit(image_path, "--organ", "bladder", "--seed", SEED, "--output", folder, "--quiet") == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(fitted):
+    return json.loads((fitted / "report.json").read_text())
+
+
+def test_every_file_of_the_organ_is_there(fitted, report):
+    expected = ["bladder.json", "bladder.png", "bladder.stl", "bladder.vtp", "bladder_convergence.csv"]
+    assert sorted(path.name for path in fitted.iterdir()) == [*expected, "report.json"]
+    assert sorted(report["organs"]["bladder"]["files"]) == expected
+
+
+def test_the_surface_is_that_of_the_organ(fitted):
+    record = read_surface_record(fitted / "bladder.json")
+    assert (record.name, record.net, record.closure) == ("bladder", "9x7", "smooth")
+    found = deviation(record.surface, ellipsoid(), n_points=2000)
+    # Slices of 3 mm and noise; the issue asks for 0.25 mm with 4 mm slices.
+    assert found.mean < 0.25
+    assert abs(found.mean_signed) < 0.1
+
+
+def test_the_vtp_file_holds_the_same_surface(fitted):
+    record = read_surface_record(fitted / "bladder.json")
+    np.testing.assert_array_equal(read_vtp_surface(fitted / "bladder.vtp").control_net, record.surface.control_net)
+
+
+def test_the_report_tells_what_was_found(fitted, report, image_path):
+    assert (report["schema"], report["version"]) == ("vic-registration/report", 1)
+    assert report["image"] == str(image_path)
+    organ = report["organs"]["bladder"]
+    surface = read_surface_record(fitted / "bladder.json").surface
+    assert organ["volume_ml"] == pytest.approx(surface.volume() / 1000.0)
+    assert organ["volume_ml"] == pytest.approx(ELLIPSOID_ML, rel=0.02)
+    assert organ["separated_volume_ml"] == pytest.approx(ELLIPSOID_ML, rel=0.05)
+    assert organ["area_mm2"] == pytest.approx(surface.area())
+    # Squared residuals over the squared contrast: the noise alone is 10 of 700 grey levels.
+    assert 0.0 < organ["cost_final"] < 0.05
+    assert organ["seconds"] > organ["seconds_separation"] > 0.0
+    assert organ["seconds_load"] > 0.0
+    assert organ["net"] == "9x7"
+    assert organ["seed"] == [list(CENTER)]
+    low, high = organ["threshold"]
+    assert low < 800.0 < high
+    assert organ["converged"] is True
+    assert organ["valid"] is True
+    assert organ["touches_border"] == []
+    assert organ["warnings"] == []
+
+
+def test_the_convergence_has_a_row_for_every_iteration(fitted, report):
+    with (fitted / "bladder_convergence.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    organ = report["organs"]["bladder"]
+    assert len(rows) == organ["iterations"]
+    assert [int(row["iteration"]) for row in rows] == list(range(1, len(rows) + 1))
+    assert float(rows[-1]["cost"]) == organ["cost_final"]
+    assert rows[-1]["converged"] == "true"
+    last_stage = [row for row in rows if row["stage"] == rows[-1]["stage"]]
+    assert last_stage[0]["stage_iteration"] == "1"
+    assert float(last_stage[0]["cost"]) == organ["cost_initial"]
+
+
+def test_there_is_a_line_of_progress_for_every_stage(image_path, tmp_path, capsys):
+    words = (image_path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path / "out", "--no-pictures")
+    assert fit(*words) == 0
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    with (tmp_path / "out" / "bladder_convergence.csv").open(newline="") as file:
+        stages = list(dict.fromkeys(row["stage"] for row in csv.DictReader(file)))
+    told = [line for line in lines if re.search(r"bladder: .*, \d+ iterations, cost \S+ -> \S+, \d+\.\d+ s", line)]
+    assert len(told) == len(stages)
+    assert all(stage in line for stage, line in zip(stages, told))
+    assert "separation" in lines[1]
+
+
+def test_quiet_is_quiet_and_pictures_can_be_left_out(image_path, tmp_path, capsys):
+    words = (image_path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path / "out")
+    assert fit(*words, "--no-pictures", "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+    assert not (tmp_path / "out" / "bladder.png").exists()
+
+
+def test_options_reach_the_fit(image_path, tmp_path):
+    words = (image_path, "--organ", "b", "--seed", SEED, "--seed", "-12,10,-22", "--output", tmp_path, "--no-pictures")
+    options = ("--threshold", "450,1200", "--erosion", "1.5", "--net", "11x8", "--closure", "paper", "--tau", "3")
+    assert fit(*words, *options, "--quiet") == 0
+    organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
+    assert organ["threshold"] == [450.0, 1200.0]
+    assert organ["erosion"] == 1.5
+    assert organ["net"] == "11x8"
+    assert organ["options"]["closure"] == "paper"
+    assert organ["options"]["tau"] == 3.0
+    assert len(organ["seed"]) == 2
+    assert read_surface_record(tmp_path / "b.json").surface.control_net.shape[:2] == (11, 8)
+
+
+def test_several_organs_come_from_a_configuration(image_path, tmp_path, config):
+    path = config(
+        {"organ": "one", "seed": CENTER.tolist()},
+        {"organ": "two", "seed": [CENTER.tolist()], "threshold": [450, 1200], "net": "7x6"},
+    )
+    assert fit(image_path, "--config", path, "--net", "8x7", "--output", tmp_path / "out", "--quiet") == 0
+    organs = json.loads((tmp_path / "out" / "report.json").read_text())["organs"]
+    assert {name: organ["net"] for name, organ in organs.items()} == {"one": "8x7", "two": "7x6"}
+    assert organs["two"]["threshold"] == [450.0, 1200.0]
+    assert (tmp_path / "out" / "overview.png").exists()
+
+
+def test_a_darker_organ_is_fitted_too(tmp_path):
+    write_image(ellipsoid_image(level=20.0, wall=300.0), tmp_path / "mri.nrrd")
+    words = (
+        "--organ",
+        "b",
+        "--seed",
+        SEED,
+        "--threshold",
+        "-100,160",
+        "--output",
+        tmp_path,
+        "--no-pictures",
+        "--quiet",
+    )
+    assert fit(tmp_path / "mri.nrrd", *words) == 0
+    volume = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]["volume_ml"]
+    assert volume == pytest.approx(ELLIPSOID_ML, rel=0.03)
+
+
+def test_other_files_of_the_output_stay_and_old_results_are_replaced(image_path, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "bladder.json").write_text("old")
+    words = (image_path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path, "--no-pictures", "--quiet")
+    assert fit(*words) == 0
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert read_surface_record(tmp_path / "bladder.json").name == "bladder"
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize(
+    "words", [["--seed", "-3,10,5"], ["--seed=-3,10,5"], ["--seed", "-3, 10, 5"], ["--seed", "-.3e1,10,5"]]
+)
+def test_a_seed_may_begin_with_a_minus_sign(words):
+    options = parsed_arguments(["fit", "image.nii", "--organ", "b", *words, "--threshold", "-5,7"])
+    assert options.seed == [(-3.0, 10.0, 5.0)]
+    assert options.threshold == (-5.0, 7.0)
+
+
+def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
+    whole = ellipsoid_image()
+    # Slices run from left to right (k), pixels from front to back (i) and from top to bottom (j).
+    cut = whole.crop((0, 0, 0), (11, *whole.array.shape[1:]))
+    write_image(cut, tmp_path / "mri.nrrd")
+    seed = "-18,8,-20"
+    assert fit(tmp_path / "mri.nrrd", "--organ", "b", "--seed", seed, "--output", tmp_path, "--no-pictures") == 0
+    organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
+    assert organ["touches_border"] == ["right"]
+    assert "reaches the border of the image (right)" in capsys.readouterr().err
+    assert any("reaches the border" in warning for warning in organ["warnings"])
+
+
+@pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["phantom", "--help"], ["reproduce", "--help"]])
+def test_help_is_there(words, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(words)
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    assert "usage: vic-registration" in shown
+    if words[0] == "fit":
+        assert '"schema": "vic-registration/organs"' in shown
+        for flag in ("--organ", "--seed", "--threshold", "--erosion", "--net", "--solver", "--config", "--output"):
+            assert flag in shown
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"vic-registration {__version__}\n"
+
+
+def test_the_program_runs_as_a_process(tmp_path):
+    """Without a fit: the start alone."""
+    root = Path(__file__).resolve().parents[2] / "VICRegistration"
+    words = [sys.executable, "-m", "VICRegistrationLib.cli", "fit", "none.nii", "--organ", "b", "--seed", "-1,2,3"]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    ended = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert ended.stderr == "vic-registration: error: There is no file or folder none.nii; check the path.\n"
+    assert list(tmp_path.iterdir()) == []

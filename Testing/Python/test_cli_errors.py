@@ -1,0 +1,327 @@
+"""Whatever is wrong: exit code 2, one line that says what and what to do, and an untouched output folder."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from small_phantom import SEED, ellipsoid_image
+
+from VICRegistrationLib import cli
+from VICRegistrationLib.cli import fitting
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.reading import write_image
+
+ORGAN = ("--organ", "bladder", "--seed", SEED)
+
+
+@pytest.fixture(scope="module")
+def image():
+    return ellipsoid_image()
+
+
+@pytest.fixture(scope="module")
+def image_path(tmp_path_factory, image):
+    path = tmp_path_factory.mktemp("image") / "mri.nrrd"
+    write_image(image, path)
+    return path
+
+
+@pytest.fixture
+def output(tmp_path):
+    """Folder with an old result, which has to survive."""
+    folder = tmp_path / "output"
+    folder.mkdir()
+    (folder / "bladder.json").write_text("old")
+    return folder
+
+
+@pytest.fixture
+def refused(output, capsys):
+    """Run a command that has to fail, and return its one line."""
+
+    def run(*words, code=2):
+        try:
+            found = cli.main([str(word) for word in words])
+        except SystemExit as end:
+            found = end.code
+        captured = capsys.readouterr()
+        assert found == code
+        assert captured.out == ""
+        lines = captured.err.splitlines()
+        assert len(lines) == 1, lines
+        assert [path.name for path in output.iterdir()] == ["bladder.json"]
+        assert (output / "bladder.json").read_text() == "old"
+        assert [path.name for path in output.parent.iterdir() if path.name.startswith(".")] == []
+        return lines[0]
+
+    return run
+
+
+@pytest.fixture
+def refused_fit(refused, output):
+    def run(*words):
+        line = refused("fit", *words, "--output", output, "--quiet", "--no-pictures")
+        assert line.startswith("vic-registration: error: ")
+        return line
+
+    return run
+
+
+def written(volume, path):
+    sitk.WriteImage(volume, str(path))
+    return path
+
+
+def missing(folder, image):
+    return folder / "none.nrrd"
+
+
+def corrupt(folder, image):
+    (folder / "corrupt.nrrd").write_bytes(b"NRRD0004\ntype: short\ngarbage")
+    return folder / "corrupt.nrrd"
+
+
+def no_image(folder, image):
+    (folder / "notes.txt").write_text("not an image")
+    return folder / "notes.txt"
+
+
+def cut_short(folder, image):
+    write_image(image, folder / "short.nii")
+    content = (folder / "short.nii").read_bytes()
+    (folder / "short.nii").write_bytes(content[: len(content) // 2])
+    return folder / "short.nii"
+
+
+def empty_folder(folder, image):
+    (folder / "dicom").mkdir()
+    return folder / "dicom"
+
+
+def colour(folder, image):
+    return written(sitk.GetImageFromArray(np.zeros((5, 6, 7, 3), np.uint8), isVector=True), folder / "colour.nrrd")
+
+
+def four_dimensional(folder, image):
+    return written(sitk.GetImageFromArray(np.zeros((2, 5, 6, 7), np.int16), isVector=False), folder / "frames.nrrd")
+
+
+def one_slice(folder, image):
+    return written(sitk.GetImageFromArray(np.zeros((1, 6, 7), np.int16)), folder / "slice.nrrd")
+
+
+def not_a_number(folder, image):
+    array = image.array.astype(np.float32)
+    array[3, 4, 5] = np.nan
+    volume = sitk.GetImageFromArray(array)
+    return written(volume, folder / "nan.nrrd")
+
+
+def constant(folder, image):
+    path = folder / "constant.nrrd"
+    write_image(Image(np.full_like(image.array, 7), image.ijk_to_ras), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (missing, ["There is no file or folder", "none.nrrd", "check the path"]),
+        (corrupt, ["corrupt.nrrd cannot be read as an image", "check that the file is complete"]),
+        (no_image, ["notes.txt cannot be read as an image"]),
+        (cut_short, ["short.nii is cut short", "copy or download it again"]),
+        (empty_folder, ["holds no DICOM slices", "choose the folder that holds the slices"]),
+        (colour, ["colour.nrrd has 3 values per voxel", "choose one channel"]),
+        (four_dimensional, ["frames.nrrd has 4 dimensions with 2 frames", "one volume is needed"]),
+        (one_slice, ["slice.nrrd holds a single slice", "choose the whole volume"]),
+        (not_a_number, ["1 of the image's", "not finite", "Replace them"]),
+        (constant, ["bladder: No edge of an organ was found", "give the threshold"]),
+    ],
+)
+def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words):
+    line = refused_fit(make(tmp_path, image), *ORGAN)
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--threshold", "900,300"], ["threshold 900 to 300 is empty", "lowest grey level must come first"]),
+        (["--threshold", "2000,3000"], ["outside the threshold 2000 to 3000", "move the seed"]),
+        (["--seed", "500,0,0"], ["seed (500.0, 0.0, 0.0) mm lies outside the volume", "place it in the organ"]),
+        (["--seed", "-12,8,6", "--threshold", "600,1000"], ["outside the threshold 600 to 1000"]),
+        (["--erosion", "40"], ["erosion", "bladder: "]),
+        (["--threshold", "-10000,10000"], ["bladder: The separated region", "Narrow the threshold"]),
+        (["--net", "3x3"], ["net of 3x3", "need at least"]),
+        (["--net", "900x7"], ["--net", "at most 200 rows"]),
+        (["--net", "9"], ["--net", "ROWSxCOLUMNS such as 9x7"]),
+        (["--seed", "1,2"], ["--seed", "three numbers R,A,S"]),
+        (["--seed", "1,2,nan"], ["--seed", "three numbers R,A,S"]),
+        (["--seed", "one,two,three"], ["--seed", "three numbers R,A,S"]),
+        (["--threshold", "5"], ["--threshold", "two numbers LOW,HIGH"]),
+        (["--erosion", "-1"], ["--erosion", "zero or a positive length"]),
+        (["--tau", "0"], ["--tau", "positive length"]),
+        (["--solver", "newton"], ["--solver", "gauss-newton", "gradient-descent"]),
+        (["--closure", "open"], ["--closure", "smooth"]),
+        (["--organ", "a/b"], ["--organ", "'a/b'", "file name"]),
+        (["--organ", "a\\b"], ["--organ", "file name"]),
+        (["--organ", ".."], ["--organ", "file name"]),
+        (["--organ", ""], ["--organ", "is empty"]),
+        (["--organ", "report"], ["--organ", "choose another"]),
+        (["--organ", "x" * 300], ["--organ", "at most 100"]),
+        (["--series", "1.2.3"], ["A series was named", "is a file"]),
+        (["--sead", "1,2,3"], ["unrecognized arguments: --sead 1,2,3"]),
+        (["--config", "organs.json"], ["Both --config and --organ were given"]),
+    ],
+)
+def test_options_that_cannot_be_met(refused_fit, image_path, options, words):
+    line = refused_fit(image_path, *ORGAN, *options)
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ([], "COMMAND"),
+        (["fit"], "IMAGE"),
+        (["fti", "mri.nrrd"], "fti"),
+        (["phantom"], "DIR"),
+        (["fit", "mri.nrrd"], "No --organ was given"),
+        (["fit", "mri.nrrd", "--organ", "bladder"], "No --seed was given"),
+        (["fit", "mri.nrrd", "--seed", "1,2,3"], "No --organ was given"),
+    ],
+)
+def test_words_that_make_no_command(refused, arguments, word):
+    assert word in refused(*arguments)
+
+
+def organs(*entries, schema="vic-registration/organs", version=1, **more):
+    return json.dumps({"schema": schema, "version": version, "organs": entries, **more})
+
+
+GOOD = {"organ": "bladder", "seed": [1, 2, 3]}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", ["is not valid JSON"]),
+        ("\xff", ["is not valid JSON"]),
+        ("[]", ["has the schema None", "vic-registration/organs"]),
+        (organs(GOOD, schema="other"), ["has the schema 'other'"]),
+        (organs(GOOD, version=2), ["has version 2", "version 1 is understood"]),
+        (organs(), ["lists no organs"]),
+        (organs(GOOD, colour="red"), ["unknown key 'colour'"]),
+        (organs("bladder"), ["organ 1: 'bladder' was given"]),
+        (organs({**GOOD, "treshold": [1, 2]}), ["organ 1: the key 'treshold' is unknown", "threshold"]),
+        (organs({"organ": "bladder"}), ["organ 1: the key 'seed' is missing"]),
+        (organs({"seed": [1, 2, 3]}), ["organ 1: the key 'organ' is missing"]),
+        (organs({**GOOD, "seeds": [[1, 2, 3]]}), ["'seed' is given twice"]),
+        (organs({**GOOD, "organ": 5}), ["key 'organ'", "no text"]),
+        (organs({**GOOD, "organ": "../x"}), ["key 'organ'", "file name"]),
+        (organs({**GOOD, "seed": []}), ["key 'seed'", "a list of points"]),
+        (organs({**GOOD, "seed": [[1, 2]]}), ["key 'seed'", "three numbers"]),
+        (organs({**GOOD, "seed": [1, 2, True]}), ["key 'seed'", "three numbers"]),
+        (organs({**GOOD, "threshold": 5}), ["key 'threshold'", "two numbers"]),
+        (organs({**GOOD, "erosion": None}), ["key 'erosion'", "positive length"]),
+        (organs({**GOOD, "net": 9}), ["key 'net'", "such as 9x7"]),
+        (organs({**GOOD, "net": "4x4"}), ["bladder: A net of 4x4"]),
+        (organs({**GOOD, "solver": ["gauss-newton"]}), ["key 'solver'", "choose one of"]),
+        (organs(GOOD, {**GOOD, "organ": "Bladder"}), ["Bladder, bladder twice", "rename one"]),
+        ('{"schema": 1, "schema": 2}', ["'schema' occurs twice"]),
+    ],
+)
+def test_a_configuration_that_cannot_be_understood(refused_fit, image_path, tmp_path, text, words):
+    path = tmp_path / "organs.json"
+    path.write_bytes(text.encode("latin-1"))
+    line = refused_fit(image_path, "--config", path)
+    for word in ["organs.json" if "bladder: A net" not in words[0] else "bladder", *words]:
+        assert word in line
+
+
+def test_a_configuration_that_is_not_there(refused_fit, image_path, tmp_path):
+    line = refused_fit(image_path, "--config", tmp_path / "none.json")
+    assert "none.json cannot be read (No such file or directory); give a file that exists" in line
+
+
+def test_one_bad_organ_leaves_no_file_of_the_good_one(refused_fit, image_path, tmp_path):
+    good = {"organ": "bladder", "seed": [float(number) for number in SEED.split(",")]}
+    bad = {"organ": "rectum", "seed": [500, 0, 0]}
+    (tmp_path / "organs.json").write_text(organs(good, bad))
+    assert "rectum: The seed (500.0, 0.0, 0.0) mm" in refused_fit(image_path, "--config", tmp_path / "organs.json")
+
+
+@pytest.mark.parametrize("below", [[], ["deeper"]])
+@pytest.mark.parametrize("command", [["fit", "IMAGE", *ORGAN, "--output"], ["phantom"], ["reproduce"]])
+def test_an_output_that_is_no_folder(refused, image_path, tmp_path, command, below):
+    (tmp_path / "file").write_text("")
+    words = [image_path if word == "IMAGE" else word for word in command]
+    line = refused(*words, tmp_path.joinpath("file", *below))
+    assert "file is not a folder; choose a folder for the output" in line
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user who may not write everywhere")
+def test_an_output_folder_without_the_right_to_write(refused, image_path, output):
+    output.chmod(0o500)
+    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet")
+    assert "cannot be written to" in line
+
+
+def test_a_disk_that_fills_up(refused_fit, image_path, output, monkeypatch):
+    def full(organ, folder):
+        (folder / "bladder.json").write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device", str(folder / "bladder.vtp"))
+
+    monkeypatch.setattr(fitting, "write_organ", full)
+    line = refused_fit(image_path, *ORGAN)
+    assert "No space left on device" in line
+    assert str(output / "bladder.vtp") in line
+
+
+def test_a_disk_that_fills_up_while_files_are_moved(refused_fit, image_path, output, monkeypatch):
+    replace = os.replace
+
+    def full(source, target):
+        if str(target) == str(output / "bladder_convergence.csv"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    line = refused_fit(image_path, *ORGAN)
+    assert "No space left on device" in line
+    assert "left as it was" in line
+
+
+def test_ctrl_c_ends_with_one_line(refused, image_path, output, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fitting, "separate", interrupted)
+    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=130)
+    assert line == "vic-registration: interrupted; nothing was written"
+
+
+def test_without_matplotlib_the_fit_does_not_begin(refused, output, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    line = refused("fit", "none.nrrd", *ORGAN, "--output", output)
+    assert "pip install 'vicregistration[pictures]'" in line
+    assert "--no-pictures" in line
+
+
+def test_a_bug_is_not_hidden(image_path, output, monkeypatch):
+    def broken(*arguments, **options):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(fitting, "separate", broken)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--quiet"])
+    assert [path.name for path in output.iterdir()] == ["bladder.json"]

@@ -1,0 +1,180 @@
+"""Words of the command line."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Sequence
+
+from .. import __version__
+from ..geometry.parametrization import CLOSURES
+from ..registration.solvers import SOLVERS
+from . import commands, values
+
+PROGRAM = "vic-registration"
+# Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number.
+_NUMBER_LISTS = ("--seed", "--threshold")
+
+_EPILOG = """\
+examples:
+  vic-registration phantom build/phantom
+  vic-registration fit build/phantom/mri.nii.gz --config build/phantom/organs.json --output build/fit
+  vic-registration fit scan.nrrd --organ bladder --seed -3,42,10 --seed 8,40,22 --threshold 600,1500
+  vic-registration fit dicom_folder --organ rectum --seed 0,-31,2 --net 11x9 --output rectum --quiet
+  vic-registration reproduce build/reproduce
+
+Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C.
+"""
+
+_FIT_EPILOG = """\
+Coordinates are RAS mm, as Slicer shows them (right, anterior and superior are positive).
+
+DIR gets, for every organ NAME:
+  NAME.vtp              triangles (LPS mm, Slicer opens them in place); control net, knots and degrees in field data
+  NAME.stl              triangles (LPS mm)
+  NAME.json             the B-spline surface (RAS mm)
+  NAME_convergence.csv  cost and largest displacement of every iteration
+  NAME.png              slices in three planes with the contour, 3D view, convergence
+and report.json; with several organs overview.png too. Files of these names are replaced when all organs are done, other
+files stay.
+
+Several organs are described in a JSON file. Its keys are the words of the flags:
+  {"schema": "vic-registration/organs", "version": 1,
+   "organs": [
+     {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
+     {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "net": "11x9", "closure": "smooth",
+      "solver": "gauss-newton", "tau": 1.5}]}
+organ and seed are needed. Flags beside --config hold for the organs that do not say otherwise.
+
+examples:
+  vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
+  vic-registration fit dicom_folder --organ bladder --seed -3,42,10 --threshold 600,1500 --erosion 2 --output bladder
+  vic-registration fit scan.nii.gz --config organs.json --output organs
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose complaints are one line."""
+
+    def error(self, message: str) -> None:
+        """Print the complaint and leave with code 2."""
+        line = " ".join(message.split()).rstrip(".")
+        self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
+
+
+def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
+    """Parse the words of a command.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Without the program's name.
+
+    Returns
+    -------
+    argparse.Namespace
+        With the command's function as ``run``.
+
+    Raises
+    ------
+    SystemExit
+        0 after ``--help`` and ``--version``, 2 for wrong usage.
+    """
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Fits smooth B-spline surfaces to organs in medical images by virtual image correlation.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_fit(subparsers)
+    phantom = _add_command(
+        subparsers, "phantom", "write a synthetic pelvic MRI with its true surfaces", commands.phantom
+    )
+    phantom.add_argument("folder", metavar="DIR", help="folder for mri.nii.gz, organs.json and truth/NAME.json")
+    reproduce = _add_command(
+        subparsers, "reproduce", "repeat the paper's section 2.3 and figures 5 and 6", commands.reproduce
+    )
+    reproduce.add_argument("folder", metavar="DIR", help="folder for a table and plots beside the paper's values")
+    return parser.parse_args(_joined(arguments))
+
+
+def _add_command(subparsers, name: str, summary: str, run: Callable, **kwargs) -> argparse.ArgumentParser:
+    parser = subparsers.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        **kwargs,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_fit(subparsers) -> None:
+    fit = _add_command(subparsers, "fit", "fit organs in an image", commands.fit, epilog=_FIT_EPILOG)
+    fit.add_argument(
+        "image", metavar="IMAGE", help="file that SimpleITK reads (NIfTI, NRRD, ...), or a folder of DICOM slices"
+    )
+    which = fit.add_argument_group("which organs")
+    which.add_argument(
+        "--organ", metavar="NAME", type=_type(values.organ_name), help="name of the organ and of its files"
+    )
+    which.add_argument(
+        "--seed",
+        metavar="R,A,S",
+        type=_type(values.seed),
+        action="append",
+        help="point in the organ, mm; may be repeated",
+    )
+    which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
+    how = fit.add_argument_group("how (the defaults need no tuning)")
+    how.add_argument(
+        "--threshold",
+        metavar="LOW,HIGH",
+        type=_type(values.threshold),
+        help="grey levels of the organ (default: suggested from the seeds)",
+    )
+    how.add_argument(
+        "--erosion",
+        metavar="MM",
+        type=_type(values.erosion),
+        help="cuts bridges to other tissue, 0 for none (default: chosen for the organ)",
+    )
+    how.add_argument("--net", metavar="9x7", type=_type(values.net), help="size of the control net (default: 9x7)")
+    how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
+    how.add_argument("--solver", choices=tuple(SOLVERS), help="default: gauss-newton; the paper's: gradient-descent")
+    how.add_argument(
+        "--tau", metavar="MM", type=_type(values.tau), help="width of the edge in the image (default: from the voxels)"
+    )
+    how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
+    what = fit.add_argument_group("what comes out")
+    what.add_argument("--output", metavar="DIR", default="organs", help="folder for the results (default: organs)")
+    what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
+    what.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _type(check: Callable) -> Callable:
+    """Make a check of values an argument's type: its sentence becomes argparse's complaint."""
+
+    def convert(text: str):
+        try:
+            return check(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return convert
+
+
+def _joined(arguments: Sequence[str]) -> list[str]:
+    """Write ``--seed -3,10,5`` as ``--seed=-3,10,5``."""
+    joined: list[str] = []
+    for word in arguments:
+        if joined and joined[-1] in _NUMBER_LISTS and re.match(r"-[\d.]", word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined

@@ -1,0 +1,160 @@
+"""From an image on disk and requests to a folder of results."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..analysis.pictures import organ_picture, overview_picture, require_matplotlib
+from ..files import replacing_folder
+from ..geometry.surface import BSplineSurface
+from ..imaging.image import Image
+from ..imaging.reading import read_image
+from ..imaging.separation import separate
+from ..registration.organ import OrganFit, finish, fit_region
+from ..registration.stages import Step
+from .outputs import OVERVIEW, warnings_about, write_organ, write_report
+from .requests import OrganRequest
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOrgan:
+    """A fitted organ and what it took.
+
+    Parameters
+    ----------
+    name : str
+    fit : OrganFit
+    seeds : tuple of (r, a, s)
+        RAS mm.
+    seconds : float
+        From the seeds to the surface.
+    seconds_separation : float
+        The part of it before the fit.
+    """
+
+    name: str
+    fit: OrganFit
+    seeds: tuple[tuple[float, float, float], ...]
+    seconds: float
+    seconds_separation: float
+
+
+def fit_to_folder(
+    image_path: str | os.PathLike,
+    requests: Sequence[OrganRequest],
+    folder: str | os.PathLike,
+    *,
+    series: str | None = None,
+    pictures: bool = True,
+    truths: Mapping[str, BSplineSurface] | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> tuple[FittedOrgan, ...]:
+    """Fit organs and write their files and the report: all of them, or nothing.
+
+    Parameters
+    ----------
+    image_path : path
+        File or folder of DICOM slices.
+    requests : sequence of OrganRequest
+    folder : path
+        Is made if there is none; its other files stay.
+    series : str, optional
+        DICOM series of the folder.
+    pictures : bool
+        Whether to draw pictures, which needs matplotlib.
+    truths : mapping of str to BSplineSurface, optional
+        True surfaces for the pictures, by the organs' names.
+    say : callable
+        Gets a line of progress after every stage.
+
+    Returns
+    -------
+    tuple of FittedOrgan
+
+    Raises
+    ------
+    ValueError
+        If the image or a request cannot be used.
+    OSError
+        If a file cannot be read or written.
+    RuntimeError
+        If pictures are wanted and matplotlib is missing.
+    """
+    if pictures:
+        require_matplotlib()
+    truths = truths or {}
+    with replacing_folder(folder) as drafts:
+        start = time.perf_counter()
+        image = read_image(image_path, series=series)
+        seconds_load = time.perf_counter() - start
+        say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
+        organs = tuple(_fitted(image, request, say) for request in requests)
+        for organ in organs:
+            write_organ(organ, drafts)
+            if pictures:
+                organ_picture(drafts / f"{organ.name}.png", image, organ.fit, organ.name, truth=truths.get(organ.name))
+            for warning in warnings_about(organ, image):
+                say(f"{organ.name}: warning: {warning}")
+        if pictures and len(organs) > 1:
+            fits = {organ.name: organ.fit for organ in organs}
+            overview_picture(drafts / OVERVIEW, image, fits, truths=truths)
+        write_report(drafts, organs, image, image_path=str(image_path), seconds_load=seconds_load, pictures=pictures)
+    say(f"written to {Path(folder)}: {', '.join(organ.name for organ in organs)}")
+    return organs
+
+
+def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> FittedOrgan:
+    """Separate and fit one organ; complaints name it."""
+    options = request.options
+    start = time.perf_counter()
+    try:
+        region = separate(image, request.seeds, threshold=options.threshold, erosion=options.erosion)
+        seconds_separation = time.perf_counter() - start
+        low, high = region.threshold
+        say(
+            f"{request.name}: separation, {region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}, "
+            f"{seconds_separation:.2f} s"
+        )
+        lines = _StageLines(request.name, say)
+        fit = finish(fit_region(image, region, options), on_step=lines)
+        lines.end()
+    except ValueError as error:
+        msg = f"{request.name}: {error}"
+        raise ValueError(msg) from error
+    seconds = time.perf_counter() - start
+    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation)
+
+
+class _StageLines:
+    """Tells a line for every stage: called with each step, and once more at the end."""
+
+    def __init__(self, name: str, say: Callable[[str], None]) -> None:
+        self._name, self._say = name, say
+        self._steps: list[Step] = []
+        self._start = self._now = time.perf_counter()
+
+    def __call__(self, step: Step) -> None:
+        if self._steps and step.stage != self._steps[0].stage:
+            self.end()
+        self._steps.append(step)
+        self._now = time.perf_counter()
+
+    def end(self) -> None:
+        """Tell the line of the stage so far."""
+        first, last = self._steps[0], self._steps[-1]
+        state = "" if last.converged else ", not converged"
+        self._say(
+            f"{self._name}: {last.stage}, {len(self._steps)} iterations, cost {first.cost:.4g} -> {last.cost:.4g}, "
+            f"{self._now - self._start:.2f} s{state}"
+        )
+        self._steps, self._start = [], self._now
+
+
+def _described(image: Image) -> str:
+    size = " x ".join(str(count) for count in image.size)
+    spacing = " x ".join(f"{step:.4g}" for step in image.spacing)
+    return f"{size} voxels of {spacing} mm"

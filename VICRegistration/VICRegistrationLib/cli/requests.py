@@ -1,0 +1,191 @@
+"""What to fit: from flags, or from a configuration file for several organs.
+
+A configuration is a JSON object with the schema ``vic-registration/organs``, version 1:
+
+.. code-block:: json
+
+    {
+      "schema": "vic-registration/organs",
+      "version": 1,
+      "organs": [
+        {"organ": "bladder", "seed": [[1.5, 42.0, 10.0], [3.0, 40.0, 22.0]], "threshold": [600, 1500]},
+        {"organ": "rectum", "seed": [0.0, -31.0, 2.0], "erosion": 2, "net": "11x9", "solver": "gauss-newton"}
+      ]
+    }
+
+Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``net``, ``closure``,
+``solver`` and ``tau`` are optional. ``name`` and ``seeds`` are understood as ``organ`` and ``seed``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..files import reason
+from ..geometry.models import closed_organ
+from ..registration.organ import FitOptions
+from . import values
+
+SCHEMA, VERSION = "vic-registration/organs", 1
+
+OPTIONS = {
+    "threshold": values.threshold,
+    "erosion": values.erosion,
+    "net": values.net,
+    "closure": values.closure,
+    "solver": values.solver,
+    "tau": values.tau,
+}
+_CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS}
+_SYNONYMS = {"name": "organ", "seeds": "seed"}
+
+
+@dataclass(frozen=True)
+class OrganRequest:
+    """One organ to be fitted.
+
+    Parameters
+    ----------
+    name : str
+        Name of the organ and of its files.
+    seeds : tuple of (r, a, s)
+        Points in the organ, RAS mm.
+    options : FitOptions
+    """
+
+    name: str
+    seeds: tuple[tuple[float, float, float], ...]
+    options: FitOptions
+
+
+def organ_request(name: str, seeds: Sequence[Sequence[float]], **options) -> OrganRequest:
+    """Make a request, and refuse options that cannot be met before an image is read.
+
+    Parameters
+    ----------
+    name : str
+    seeds : sequence of (r, a, s)
+        RAS mm.
+    **options
+        Fields of :class:`..registration.organ.FitOptions`; those that are None are left to their defaults.
+
+    Returns
+    -------
+    OrganRequest
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range or the net too small.
+    """
+    try:
+        chosen = FitOptions(**{key: value for key, value in options.items() if value is not None})
+        closed_organ(chosen.net, closure=chosen.closure)
+    except ValueError as error:
+        msg = f"{name}: {error}"
+        raise ValueError(msg) from error
+    return OrganRequest(name, tuple(tuple(point) for point in seeds), chosen)
+
+
+def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | None = None) -> tuple[OrganRequest, ...]:
+    """Read a configuration file.
+
+    Parameters
+    ----------
+    path : path
+        File of the schema above.
+    defaults : mapping, optional
+        Options for organs that do not set them.
+
+    Returns
+    -------
+    tuple of OrganRequest
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not of the schema; the sentence names the organ and the key.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_bytes(), object_pairs_hook=_without_duplicates)
+    except OSError as error:
+        msg = f"The configuration {path} cannot be read ({reason(error)}); give a file that exists."
+        raise OSError(msg) from error
+    except (ValueError, RecursionError) as error:
+        msg = f"The configuration {path} is not valid JSON ({reason(error)}); correct it."
+        raise ValueError(msg) from error
+    requests = tuple(
+        _request(entry, f"{path}, organ {number}", defaults or {})
+        for number, entry in enumerate(_entries(content, path), start=1)
+    )
+    names = [request.name.casefold() for request in requests]
+    twice = sorted({request.name for request in requests if names.count(request.name.casefold()) > 1})
+    if twice:
+        msg = (
+            f"The configuration {path} holds {', '.join(twice)} twice (upper and lower case are one file); rename one."
+        )
+        raise ValueError(msg)
+    return requests
+
+
+def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    keys = [key for key, _ in pairs]
+    twice = sorted({key for key in keys if keys.count(key) > 1})
+    if twice:
+        msg = f"the key {twice[0]!r} occurs twice in one object"
+        raise ValueError(msg)
+    return dict(pairs)
+
+
+def _entries(content: object, path: Path) -> list:
+    """Entries of the organs below a checked header."""
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != SCHEMA:
+        msg = f"The configuration {path} has the schema {found!r}; it must say {SCHEMA!r}."
+        raise ValueError(msg)
+    version = content.get("version")
+    if isinstance(version, bool) or version != VERSION:
+        msg = f"The configuration {path} has version {version!r}; version {VERSION} is understood."
+        raise ValueError(msg)
+    unknown = sorted(set(content) - {"schema", "version", "organs"})
+    if unknown:
+        msg = f"The configuration {path} has the unknown key {unknown[0]!r}; use schema, version and organs."
+        raise ValueError(msg)
+    organs = content.get("organs")
+    if not isinstance(organs, list) or not organs:
+        msg = f"The configuration {path} lists no organs; give at least one under 'organs'."
+        raise ValueError(msg)
+    return organs
+
+
+def _request(entry: object, where: str, defaults: Mapping[str, object]) -> OrganRequest:
+    """Request of one entry of the list."""
+    if not isinstance(entry, dict):
+        msg = f"{where}: {entry!r} was given; an organ is an object with the keys organ and seed."
+        raise ValueError(msg)
+    named = {}
+    for key, value in entry.items():
+        word = _SYNONYMS.get(key, key)
+        if word not in _CHECKS:
+            msg = f"{where}: the key {key!r} is unknown; use {', '.join(_CHECKS)}."
+            raise ValueError(msg)
+        if word in named:
+            msg = f"{where}: {word!r} is given twice; use one of the two."
+            raise ValueError(msg)
+        try:
+            named[word] = _CHECKS[word](value)
+        except ValueError as error:
+            msg = f"{where}, key {key!r}: {error}."
+            raise ValueError(msg) from error
+    missing = [word for word in ("organ", "seed") if word not in named]
+    if missing:
+        msg = f"{where}: the key {missing[0]!r} is missing; an organ needs organ and seed."
+        raise ValueError(msg)
+    return organ_request(named.pop("organ"), named.pop("seed"), **{**defaults, **named})

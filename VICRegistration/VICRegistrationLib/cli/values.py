@@ -1,0 +1,123 @@
+"""Values of flags and of configuration keys: the same words, the same checks."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ..geometry.parametrization import CLOSURES
+from ..registration.solvers import SOLVERS
+
+# Beyond this the control points lie closer together than any image has voxels.
+_LARGEST_NET = 200
+_FORBIDDEN = '<>:"/\\|?*'
+_LONGEST_NAME = 100
+# report.json and overview.png are written beside the organs' files.
+_RESERVED = ("report", "overview")
+
+
+def organ_name(value: object) -> str:
+    """Check the name of an organ, which becomes the name of its files."""
+    if not isinstance(value, str) or not value.strip():
+        msg = f"the name {value!r} is empty or no text; give the organ a name such as bladder"
+        raise ValueError(msg)
+    bad = sorted({letter for letter in value if letter in _FORBIDDEN or not letter.isprintable()})
+    if bad or value != value.strip(" .") or value.startswith("-"):
+        what = f"holds {' '.join(map(repr, bad))}" if bad else "begins or ends with a blank, a dot or a hyphen"
+        msg = f"the name {value!r} {what}, but it becomes a file name; use letters, digits and underscores"
+        raise ValueError(msg)
+    if len(value) > _LONGEST_NAME:
+        msg = f"the name has {len(value)} letters; give one of at most {_LONGEST_NAME}"
+        raise ValueError(msg)
+    if value.casefold() in _RESERVED:
+        msg = f"the name {value!r} is that of a file with all organs; choose another"
+        raise ValueError(msg)
+    return value
+
+
+def seed(value: object) -> tuple[float, float, float]:
+    """Check a seed: R, A, S in mm."""
+    return _numbers(value, 3, "a seed is three numbers R,A,S (mm)")
+
+
+def seeds(value: object) -> tuple[tuple[float, float, float], ...]:
+    """Check a list of seeds; a single one may stand without the outer brackets."""
+    if not isinstance(value, list) or not value:
+        msg = f"{value!r} was given; seeds are a list of points [R, A, S] (mm)"
+        raise ValueError(msg)
+    points = value if isinstance(value[0], list) else [value]
+    return tuple(seed(point) for point in points)
+
+
+def threshold(value: object) -> tuple[float, float]:
+    """Check a threshold: the lowest and the highest grey level."""
+    return _numbers(value, 2, "a threshold is two numbers LOW,HIGH")
+
+
+def erosion(value: object) -> float:
+    """Check the radius of the erosion, mm."""
+    number = _number(value)
+    if number is None or number < 0.0:
+        msg = f"{value!r} was given; an erosion is zero or a positive length in mm"
+        raise ValueError(msg)
+    return number
+
+
+def tau(value: object) -> float:
+    """Check the width of the profile's ramp, mm."""
+    number = _number(value)
+    if number is None or number <= 0.0:
+        msg = f"{value!r} was given; tau is a positive length in mm"
+        raise ValueError(msg)
+    return number
+
+
+def net(value: object) -> tuple[int, int]:
+    """Check the size of a control net, such as "9x7"."""
+    match = re.fullmatch(r"(\d{1,6})[xX×](\d{1,6})", value) if isinstance(value, str) else None
+    if match is None:
+        msg = f"{value!r} was given; a net is ROWSxCOLUMNS such as 9x7"
+        raise ValueError(msg)
+    size = int(match[1]), int(match[2])
+    if max(size) > _LARGEST_NET:
+        msg = f"{value!r} was given; a net has at most {_LARGEST_NET} rows and columns"
+        raise ValueError(msg)
+    return size
+
+
+def closure(value: object) -> str:
+    """Check how the surface is closed."""
+    return _choice(value, CLOSURES)
+
+
+def solver(value: object) -> str:
+    """Check the solver."""
+    return _choice(value, SOLVERS)
+
+
+def _choice(value: object, choices) -> str:
+    if value not in tuple(choices):
+        msg = f"{value!r} was given; choose one of {', '.join(choices)}"
+        raise ValueError(msg)
+    return value
+
+
+def _numbers(value: object, count: int, needed: str) -> tuple[float, ...]:
+    """Numbers out of a list, or out of a text with commas."""
+    parts = value.split(",") if isinstance(value, str) else value
+    numbers = [_number(part) for part in parts] if isinstance(parts, list) else []
+    if len(numbers) != count or None in numbers:
+        msg = f"{value!r} was given; {needed}"
+        raise ValueError(msg)
+    return tuple(numbers)
+
+
+def _number(value: object) -> float | None:
+    """Read a finite number; None if it is none."""
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
