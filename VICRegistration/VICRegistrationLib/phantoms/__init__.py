@@ -1,0 +1,1 @@
+"""Synthetic images whose true surfaces are known."""
