@@ -7,7 +7,8 @@ residual, one Jacobian (chain rule through E) and one solver for all of them.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
@@ -47,6 +48,7 @@ class Parametrization:
     matrices: tuple[sparse.csr_matrix, sparse.csr_matrix, sparse.csr_matrix]
     indices: tuple[np.ndarray, np.ndarray, np.ndarray]
     n_dof: int
+    _forms: dict = field(default_factory=dict, repr=False)
 
     def at(self, surface: BSplineSurface) -> Parametrization:
         """Count the same degrees of freedom from another surface that they reach."""
@@ -84,6 +86,14 @@ class Parametrization:
         -------
         (n_dof, n_dof) csc_matrix
         """
+        # Kept for the stages of a registration, with the form, so that its id stays its own; they use few.
+        if id(form) not in self._forms:
+            while len(self._forms) >= 4:
+                self._forms.pop(next(iter(self._forms)))
+            self._forms[id(form)] = form, self._quadratic_form(form)
+        return self._forms[id(form)][1]
+
+    def _quadratic_form(self, form: sparse.spmatrix):
         total = sparse.csc_matrix((self.n_dof, self.n_dof))
         made = {}
         for matrix, index in zip(self.matrices, self.indices):
@@ -110,7 +120,12 @@ class Parametrization:
         right = np.zeros(self.n_dof)
         for k, (matrix, index) in enumerate(zip(self.matrices, self.indices)):
             np.add.at(right, index, matrix.T @ offset[:, k])
-        return sparse_linalg.spsolve(self.quadratic_form(sparse.identity(len(offset))), right)
+        return sparse_linalg.spsolve(self.quadratic_form(_identity(len(offset))), right)
+
+
+@lru_cache(maxsize=8)
+def _identity(n: int) -> sparse.spmatrix:
+    return sparse.identity(n, format="csr")
 
 
 def _same_for_all_coordinates(surface: BSplineSurface, matrix: sparse.spmatrix) -> Parametrization:

@@ -164,7 +164,7 @@ def _normal_problem(surface: BSplineSurface) -> Problem | None:
     length = np.linalg.norm(cross, axis=2)
     smallest = np.unravel_index(np.argmin(length), length.shape)
     area_scale = surface.size**2 / np.prod(np.ptp(surface.domain, axis=1))
-    remedy = "smooth the control net there, or raise the bending weight"
+    remedy = "take a coarser net, or check the separated region there"
     if length[smallest] <= 1e-9 * area_scale:
         wrong = "The surface has no normal at {place}, because its control points coincide or lie in one line"
         return _problem(surface, "flipped normal", u[smallest[0]], v[smallest[1]], wrong, remedy)
@@ -231,7 +231,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
         *first,
         f"The surface passes through itself at {{place}}, where it meets the part about u {second[0]:.3g}, "
         f"v {second[1]:.3g}",
-        "separate the organ's parts more clearly, or raise the bending weight",
+        "separate the organ's parts more clearly, or take a coarser net",
     )
 
 

@@ -72,7 +72,7 @@ def moments(region: Region) -> Moments:
 
 
 def _row_sums(mask):
-    """Sums of 1, i, i^2 and i^3 over the voxels of each row, its (j, k), and the centre (i, j, k) they count from."""
+    """Add up 1, i, i^2 and i^3 over the voxels of each row, its (j, k), and the centre (i, j, k) they count from."""
     size = mask.shape[2]
     power = np.vander(np.arange(size) - size / 2, 4, increasing=True)
     sums = mask.reshape(-1, size).astype(float) @ power
@@ -98,7 +98,7 @@ def _row_sums(mask):
 
 
 def _third_moments(directions, sums, rows):
-    """Sums over the voxels of the cube of their coordinate along directions (n, 3) of (i, j, k), shape (n,)."""
+    """Add up over the voxels the cube of their coordinate along directions (n, 3) of (i, j, k), shape (n,)."""
     along, across = directions[:, 0, None], directions[:, 1:] @ rows.T
     n, first, second, third = sums.T
     return (along**3 * third + 3 * along**2 * across * second + 3 * along * across**2 * first + across**3 * n).sum(

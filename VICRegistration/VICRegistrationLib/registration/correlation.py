@@ -22,6 +22,8 @@ from .levels import PROBE_DEPTHS, Levels
 _DENSE_LIMIT = 400
 # Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
 _KEPT_MOTIONS = 8
+# How much more the surface is held where its edge is weak.
+_LARGEST_DOUBT = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +95,25 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
+class _Reading:
+    """What the image says along the normals of the surface at q: all that does not depend on the levels."""
+
+    q: np.ndarray
+    frame: Frame
+    values: np.ndarray
+    gradients: np.ndarray
+    valid: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class _Held:
-    """What is held while a step is computed: sample distances (n, m), levels (n,), contrast, areas (n,)."""
+    """What is held while a step is computed: sample distances (n, m), levels, contrast, weights of the lines (n,)."""
 
     offsets: np.ndarray
     inside: np.ndarray
     outside: np.ndarray
     contrast: float
-    area: np.ndarray
+    weight: np.ndarray
 
 
 class Correlation:
@@ -154,15 +167,24 @@ class Correlation:
         self.sparse = len(flat) > _DENSE_LIMIT
         motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
         self._motion = tuple(zip(*motions))
+        # Coordinates that move alike are computed at once.
+        self._alike = all(motion is motions[0] for motion in motions)
         self._held = None
         self._shift = None
+        self._reading = None
 
     def frame(self, q: np.ndarray) -> Frame:
         """Points, tangents and normals at the samples for degrees of freedom (n_dof,)."""
+        if self._reading is not None and np.array_equal(q, self._reading.q):
+            return self._reading.frame
+        indices = self.parametrization.indices
         parts = []
         for start, motion in zip(self._start, self._motion):
-            moved = [matrix @ q[index] for matrix, index in zip(motion, self.parametrization.indices)]
-            parts.append(start + np.stack(moved, axis=1))
+            if self._alike:
+                moved = motion[0] @ np.stack([q[index] for index in indices], axis=1)
+            else:
+                moved = np.stack([matrix @ q[index] for matrix, index in zip(motion, indices)], axis=1)
+            parts.append(start + moved)
         points, along_u, along_v = parts
         cross = _cross(along_u, along_v)
         length = np.sqrt(np.einsum("nk,nk->n", cross, cross))
@@ -176,28 +198,35 @@ class Correlation:
         if self._shift is None:
             self._shift = self.levels.shifts(self._curvature(q, frame))
         shift = self._shift
+        weight = frame.length / frame.length.sum()
         if self.levels.adaptive:
             offsets = shift[:, None] + width * PROBE_DEPTHS
-            probes = self.sampler.values(frame.points[:, None] + offsets[..., None] * frame.normals[:, None])
+            probes = self.sampler.values(_along_normals(frame, offsets))
             inside, outside = self.levels.estimate(*probes, frame.normals, frame.length, self.grid.shape)
+            weight = weight * self.levels.credibility(*probes, inside, outside)
         else:
             inside = np.full(len(shift), float(self.levels.inside))
             outside = np.full(len(shift), float(self.levels.outside))
         contrast = self.levels.contrast(inside, outside, frame.length)
-        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, frame.length)
+        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, weight)
 
     def sample(self, q: np.ndarray) -> Samples:
         """Residuals, image gradients and weights at q, with the levels held since the last refresh."""
         if self._held is None:
             self.refresh(q)
-        held = self._held
-        frame = self.frame(q)
-        positions = frame.points[:, None] + held.offsets[..., None] * frame.normals[:, None]
-        values, gradients, valid = self.sampler.values_and_gradients(positions)
+        held, seen = self._held, self._read(q)
         virtual = held.outside[:, None] + (held.inside - held.outside)[:, None] * self.ramp
-        residuals = np.where(valid, (values - virtual) / held.contrast, 0.0)
-        weights = np.where(valid, held.area[:, None] / (held.area.sum() * len(self.depths)), 0.0)
-        return Samples(frame, residuals, gradients / held.contrast, weights)
+        residuals = np.where(seen.valid, (seen.values - virtual) / held.contrast, 0.0)
+        weights = np.where(seen.valid, held.weight[:, None] / len(self.depths), 0.0)
+        return Samples(seen.frame, residuals, seen.gradients / held.contrast, weights)
+
+    def _read(self, q: np.ndarray) -> _Reading:
+        """Sample the image at q; kept, because an iteration starts where the last one ended."""
+        if self._reading is None or not np.array_equal(q, self._reading.q):
+            frame = self.frame(q)
+            positions = _along_normals(frame, self._held.offsets)
+            self._reading = _Reading(q.copy(), frame, *self.sampler.values_and_gradients(positions))
+        return self._reading
 
     def _curvature(self, q: np.ndarray, frame: Frame) -> np.ndarray:
         """Second derivatives of the signed distance from the surface, (n, 3, 3), 1/mm."""
@@ -233,7 +262,8 @@ class Correlation:
 
         The turning normal is left out here: it changes the path, not the minimum, and would cost nine times as much.
         """
-        return self.quadratic_form(np.einsum("nm,nma,nmb->nab", samples.weights, samples.gradients, samples.gradients))
+        weighted = samples.weights[..., None] * samples.gradients
+        return self.quadratic_form(np.einsum("nma,nmb->nab", weighted, samples.gradients))
 
     def displacement_form(self, q: np.ndarray, *, tangential: float, normal: float):
         """Mean squared displacement of the surface from q as a quadratic form, (n_dof, n_dof) in mm^2.
@@ -242,8 +272,15 @@ class Correlation:
         ----------
         q : (n_dof,) ndarray
         tangential, normal : float
-            Weights of the displacement within the tangent plane at q and along the normal.
+            Weights of the displacement within the tangent plane at q and along the normal. Where the levels are
+            estimated and differ less than elsewhere on the organ, that along the normal is up to `_LARGEST_DOUBT` times
+            larger: a weak edge is easily mistaken for its neighbour.
         """
+        if self.levels.adaptive and normal > 0.0:
+            self.refresh(q)
+            step = np.abs(self._held.inside - self._held.outside)
+            doubt = (self._held.contrast / np.maximum(step, 1e-12 * self._held.contrast)) ** 4
+            normal = normal * np.clip(doubt, 1.0, _LARGEST_DOUBT)[:, None, None]
         frame = self.frame(q)
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         area = frame.length / frame.length.sum()
@@ -282,6 +319,11 @@ class Correlation:
                     matrix = motion[k].toarray() if self.sparse else motion[k]
                     result[:, depth, index] += part[:, k, None] * matrix
         return result.reshape(n * m, -1)
+
+
+def _along_normals(frame: Frame, offsets: np.ndarray) -> np.ndarray:
+    """Points (n, m, 3) at distances (n, m) along the normals; coordinates apart in memory, which numpy adds faster."""
+    return np.moveaxis(frame.points.T[:, :, None] + offsets * frame.normals.T[:, :, None], 0, -1)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -14,86 +14,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry import models
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
-from ..imaging.moments import moments
+from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
-from .levels import LEVEL_MODES
+from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import generic_model, machinery, plan
-from .solvers import SOLVERS
 from .stages import Step, run_stage
-
-# The paper: a ramp of 2 to 3 pixels suits the MRI used.
-TAU_PIXELS = 2.5
-MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """Choices for fitting an organ; the defaults need no tuning.
-
-    Parameters
-    ----------
-    net : (rows, columns)
-        Size of the control net in the paper's counting.
-    closure : {"smooth", "paper"}
-        How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
-    threshold : (low, high), optional
-        Grey levels of the organ, for separating it; suggested from the seeds if not given.
-    erosion : float, optional
-        Erosion that cuts bridges to neighbours, mm; the default of :func:`..imaging.separation.separate` if not given.
-    solver : {"gauss-newton", "gradient-descent"}
-    tau : float, optional
-        Width of the intensity profile's ramp in mm; `TAU_PIXELS` times the finest voxel spacing if not given.
-    centered : bool
-        Whether the surface lies at half height of the ramp, or as published at its inner foot.
-    levels : {"local", "organ", "given"}
-        Grey levels inside and outside: estimated along the surface, once for the organ, or given.
-    inside, outside : float, optional
-        Grey levels for ``levels="given"``.
-    smoothness : float
-        Weight of the thin-plate energy, dimensionless, see :class:`.stages.Stage`; larger is stiffer.
-    tolerance : float
-        Largest displacement of a control point at which the last stage stops, mm.
-    max_iterations : int, optional
-        For each stage; 50 for Gauss-Newton and 300 for gradient descent if not given.
-    """
-
-    net: tuple[int, int] = models.DEFAULT_NET
-    closure: str = "smooth"
-    threshold: tuple[float, float] | None = None
-    erosion: float | None = None
-    solver: str = "gauss-newton"
-    tau: float | None = None
-    centered: bool = True
-    levels: str = "local"
-    inside: float | None = None
-    outside: float | None = None
-    smoothness: float = 1e-5
-    tolerance: float = 0.1
-    max_iterations: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check what can be checked without an image."""
-        if self.solver not in SOLVERS:
-            msg = f"The solver {self.solver!r} was asked for; choose one of {', '.join(SOLVERS)}."
-            raise ValueError(msg)
-        if self.levels not in LEVEL_MODES:
-            msg = f"The level mode {self.levels!r} was asked for; choose one of {', '.join(LEVEL_MODES)}."
-            raise ValueError(msg)
-        if self.levels == "given" and (self.inside is None or self.outside is None):
-            msg = "Given levels were asked for without them; give the grey levels inside and outside too."
-            raise ValueError(msg)
-        for name in ("tau", "tolerance", "max_iterations"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                msg = f"The option {name} is {value}; it must be positive."
-                raise ValueError(msg)
-        if not self.smoothness >= 0:
-            msg = f"The option smoothness is {self.smoothness}; it must be zero or positive."
-            raise ValueError(msg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +39,8 @@ class OrganFit:
     converged : bool
         Whether the last stage met its stop rule.
     cost_initial, cost_final : float
-        Cost of the generic model as placed and of the fitted surface, both seen as the last stage sees the surface at
-        its end: mean squared residual in units of the contrast between inside and outside.
+        Cost of the generic model as placed, seen with the levels of the last stage, and of the last step: mean squared
+        residual in units of the contrast between inside and outside.
     seconds : float
         Time from the separated region to the surface.
     options : FitOptions
@@ -190,12 +118,13 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
     Raises
     ------
     ValueError
-        If the region is too small for a surface.
+        If the region is too thin for a surface or does not lie on the image's grid.
     """
     start = time.perf_counter()
-    options = options or FitOptions()
-    options = _resolved(options, image, region)
+    _check_grid(image, region)
+    options = _resolved(options or FitOptions(), image, region)
     pose = moments(region)
+    _check_thickness(pose, options)
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
     model = surface = generic_model(pose, options)
@@ -207,9 +136,9 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
             step = replace(step, surface=surface.transformed(local_to_ras))
             history.append(step)
             yield step
-    # Both costs are those of the last stage, with the levels found at its end: they can be compared.
+    # The model as the last stage sees it, with the levels found at its end: to be compared with the last step's cost.
     final = stage.correlation(closed.at(surface), grid)
-    final_cost = final.sample(np.zeros(closed.n_dof)).cost
+    final.refresh(np.zeros(closed.n_dof))
     model_cost = final.sample(final.parametrization.fit(model.control_net)).cost
     return OrganFit(
         surface=history[-1].surface,
@@ -217,10 +146,34 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
         history=tuple(history),
         converged=history[-1].converged,
         cost_initial=model_cost,
-        cost_final=final_cost,
+        cost_final=history[-1].cost,
         seconds=time.perf_counter() - start,
         options=options,
     )
+
+
+def _check_grid(image: Image, region: Region) -> None:
+    """Refuse a region that was cut from another image."""
+    first = image.to_ras(np.array([region.offset[::-1]], dtype=float))[0]
+    fits = np.all(np.asarray(region.offset) + region.mask.shape <= image.array.shape)
+    same = np.allclose(first, region.ijk_to_ras[:3, 3], atol=1e-3) and np.allclose(
+        image.ijk_to_ras[:3, :3], region.ijk_to_ras[:3, :3], atol=1e-5
+    )
+    if not (fits and same):
+        msg = "The region does not lie on the image's grid; separate the organ in this image, or resample its mask."
+        raise ValueError(msg)
+
+
+def _check_thickness(pose: Moments, options: FitOptions) -> None:
+    """Refuse an organ thinner than the edge that is looked for."""
+    # Half of the shortest axis of the ellipsoid with the region's moments.
+    half_thickness = np.sqrt(5.0) * float(pose.extents.min())
+    if half_thickness < options.tau:
+        msg = (
+            f"The region is about {2.0 * half_thickness:.2g} mm thick; an edge of {options.tau:.2g} mm is sought on "
+            "each side. Check the thresholds and the erosion, or take a finer image or a smaller tau."
+        )
+        raise ValueError(msg)
 
 
 def _resolved(options: FitOptions, image: Image, region: Region) -> FitOptions:
@@ -246,11 +199,19 @@ def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None)
     Returns
     -------
     OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the generator was used up before.
     """
     while True:
         try:
             step = next(steps)
         except StopIteration as end:
+            if end.value is None:
+                msg = "The fit had come to its end before; start a new one with fit_organ or fit_region."
+                raise ValueError(msg) from None
             return end.value
         if on_step is not None:
             on_step(step)

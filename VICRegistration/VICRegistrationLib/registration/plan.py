@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +17,9 @@ from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
 from .correlation import SampleGrid
 from .levels import Levels
+from .options import FitOptions
 from .region_image import RegionImage, region_image
 from .stages import Stage
-
-if TYPE_CHECKING:
-    from .organ import FitOptions
 
 # Surroundings of the region that the model may start in, mm.
 REGION_MARGIN_MM = 10.0
@@ -33,8 +30,10 @@ SLIDING = 0.02
 ANCHOR = 0.05
 # The region is rough (terraces of thick slices), the grey levels are not: it is fitted that much more stiffly.
 REGION_BENDING = 100.0
-# A last stage that lowers its cost by less than this fraction in an iteration only slides.
+# A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
+# region, which the grey levels will correct anyway.
 COST_TOLERANCE = 1e-3
+REGION_COST_TOLERANCE = 2e-2
 
 
 def generic_model(pose: Moments, options: FitOptions) -> BSplineSurface:
@@ -56,9 +55,9 @@ def machinery(net: tuple[int, int], closure: str) -> tuple[Parametrization, Samp
 
 
 def _grid_shape(net: tuple[int, int]) -> tuple[int, int]:
-    """Count the samples around the tube and from pole to pole: four to a span, two where there are very many."""
+    """Count the samples around the tube and from pole to pole: three to a span, two where there are very many."""
     around, along = net[0] - 1, net[1] - 3
-    return max(4 * min(around, 16), 2 * around, 24), max(4 * min(along, 16), 2 * along, 16)
+    return max(3 * min(around, 16), 2 * around, 24), max(3 * min(along, 16), 2 * along, 12)
 
 
 def plan(
@@ -78,6 +77,7 @@ def plan(
         "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
         "ramp": "linear",
         "n_depths": 3,
+        "cost_tolerance": patience * REGION_COST_TOLERANCE,
         "sliding": SLIDING,
         **common,
     }
@@ -89,7 +89,7 @@ def plan(
     sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
     inside, outside = _starting_levels(target, sampler, options)
     voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
-    for name, widening, loosening in (("grey levels, coarse", 1.5, 3.0), ("grey levels, fine", 1.0, 1.0)):
+    for name, widening, loosening in (("grey levels, coarse", 1.5, 10.0), ("grey levels, fine", 1.0, 1.0)):
         stage = Stage(
             name,
             sampler,
@@ -100,7 +100,7 @@ def plan(
             bending=options.smoothness,
             sliding=SLIDING,
             anchor=ANCHOR,
-            tolerance=patience * loosening * options.tolerance,
+            tolerance=patience * min(loosening, 3.0) * options.tolerance,
             cost_tolerance=patience * loosening * COST_TOLERANCE,
             **common,
         )

@@ -12,9 +12,9 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
-from .correlation import Correlation, Samples
+from .correlation import Correlation, Frame, Samples
 
-# A step that turns the surface's normals further than this mean cosine would mirror or fold it.
+# A step that turns the surface's normals further than this mean cosine would fold it.
 _MINIMUM_COSINE = 0.5
 
 
@@ -30,6 +30,9 @@ class Iterate:
         Mean squared residual in units of the contrast, without the regularisation.
     decrease : float
         Relative decrease of the cost and its regularisation in this iteration.
+    expected : float
+        Relative decrease that the first step tried was expected to bring; far more than `decrease` where the solver is
+        stuck.
     change : float
         Largest change of a degree of freedom in this iteration.
     displacement : float
@@ -39,6 +42,7 @@ class Iterate:
     q: np.ndarray
     cost: float
     decrease: float
+    expected: float
     change: float
     displacement: float
 
@@ -114,22 +118,27 @@ def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) ->
         value = objective.value(q, samples)
         gradient = objective.gradient(q, samples)
         hessian = objective.hessian(samples)
+        expected = None
         for _ in range(8):
             step = _damped_solution(hessian, gradient, damping)
-            step *= min(1.0, largest_step / max(objective.displacement(step), 1e-300))
+            moved = objective.displacement(step)
+            scale = min(1.0, largest_step / max(moved, 1e-300))
+            step, moved = scale * step, scale * moved
             trial = objective.correlation.sample(q + step)
             decrease = value - objective.value(q + step, trial)
+            predicted = -float(step @ (2.0 * gradient + hessian @ step))
+            expected = predicted if expected is None else expected
             if decrease > 0.0 and _keeps_orientation(samples, trial):
-                predicted = -float(step @ (2.0 * gradient + hessian @ step))
                 gain = decrease / predicted if predicted > 0.0 else 0.0
                 damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-4)
                 growth = 4.0
                 break
             damping, growth = min(damping * growth, 1e6), 2.0 * growth
         else:
-            step, trial, decrease = np.zeros_like(q), samples, 0.0
+            step, trial, decrease, moved = np.zeros_like(q), samples, 0.0, 0.0
         q = q + step
-        yield Iterate(q, trial.cost, decrease / value, float(np.abs(step).max()), objective.displacement(step))
+        shares = _share(decrease, value), _share(expected, value)
+        yield Iterate(q, trial.cost, *shares, float(np.abs(step).max()), moved)
 
 
 def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float) -> Iterator[Iterate]:
@@ -164,24 +173,36 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
         for _ in range(30):
             step = length * direction
             trial = objective.correlation.sample(q + step)
-            sufficient = value + 1e-4 * length * slope
-            reached = objective.value(q + step, trial)
-            if reached <= sufficient and _keeps_orientation(samples, trial):
+            decrease = value - objective.value(q + step, trial)
+            if decrease >= -1e-4 * length * slope and _keeps_orientation(samples, trial):
                 break
             length /= 2.0
         else:
-            step, trial, reached = np.zeros_like(q), samples, value
+            step, trial, decrease = np.zeros_like(q), samples, 0.0
         q = q + step
-        yield Iterate(q, trial.cost, (value - reached) / value, float(np.abs(step).max()), objective.displacement(step))
+        # The slope alone promises nothing that could be compared: descent is expected to bring what it brings.
+        share = _share(decrease, value)
+        yield Iterate(q, trial.cost, share, share, float(np.abs(step).max()), objective.displacement(step))
 
 
 SOLVERS = {"gauss-newton": gauss_newton, "gradient-descent": gradient_descent}
 
 
+def _share(decrease: float, value: float) -> float:
+    """Relative decrease; nothing can be gained where the value is zero, as for a surface out of the volume."""
+    return decrease / value if value > 0.0 else 0.0
+
+
 def _keeps_orientation(before: Samples, after: Samples) -> bool:
     """Whether a step leaves the surface neither mirrored (det R > 0) nor turned inside out."""
     cosine = np.einsum("nk,nk->n", before.frame.normals, after.frame.normals)
-    return bool(cosine.mean() > _MINIMUM_COSINE)
+    # A flattened organ can come out mirrored without its normals turning far, so that they are not enough.
+    return bool(cosine.mean() > _MINIMUM_COSINE and _content(before.frame) * _content(after.frame) > 0.0)
+
+
+def _content(frame: Frame) -> float:
+    """Signed volume between the surface and its centre, up to a factor: an affine map multiplies it by det R."""
+    return float(np.vdot(frame.points - frame.points.mean(axis=0), frame.cross))
 
 
 def _damped_solution(hessian, gradient: np.ndarray, damping: float) -> np.ndarray:
@@ -196,4 +217,5 @@ def _damped_solution(hessian, gradient: np.ndarray, damping: float) -> np.ndarra
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
         return -factors.solve(gradient)
-    return -linalg.solve(hessian + np.diag(lift), gradient, assume_a="pos", check_finite=False)
+    factor = linalg.cho_factor(hessian + np.diag(lift), check_finite=False)
+    return -linalg.cho_solve(factor, gradient, check_finite=False)

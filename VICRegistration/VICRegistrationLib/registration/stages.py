@@ -14,9 +14,11 @@ from ..imaging.sampling import Sampler
 from .correlation import Correlation, SampleGrid
 from .levels import Levels
 from .profile import cosine_ramp, linear_ramp
-from .solvers import SOLVERS, Objective
+from .solvers import SOLVERS, Iterate, Objective
 
 STOP_RULES = ("displacement", "parameters")
+# A solver that expected a larger share of the cost than this to go, and got almost nothing, is stuck, not at rest.
+_STUCK = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +106,9 @@ class Step:
         Largest displacement of a control point, mm.
     surface : BSplineSurface
         The surface now.
-    converged : bool
-        Whether the stage's stop rule is met.
+    stopped_by : str
+        Why the stage ends here: "displacement" or "parameters" (its stop rule), "cost" (the cost fell by less than the
+        tolerance), "no better point" (the solver is stuck), "iterations" (as many as allowed); empty before its end.
     """
 
     stage: str
@@ -113,7 +116,12 @@ class Step:
     cost: float
     displacement: float
     surface: BSplineSurface
-    converged: bool
+    stopped_by: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the stage came to rest by its rules."""
+        return self.stopped_by in (*STOP_RULES, "cost")
 
 
 def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> Generator[Step, None, np.ndarray]:
@@ -143,13 +151,22 @@ def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) 
     for iteration in range(1, stage.max_iterations + 1):
         iterate = next(iterates)
         q = iterate.q
-        moved = iterate.displacement if stage.stop_rule == "displacement" else iterate.change
-        converged = moved < stage.tolerance or iterate.decrease < stage.cost_tolerance
+        stopped_by = _stopped_by(stage, iterate) or ("iterations" if iteration == stage.max_iterations else "")
         surface = parametrization.deform(q)
-        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, converged)
-        if converged:
+        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, stopped_by)
+        if stopped_by:
             break
     return q
+
+
+def _stopped_by(stage: Stage, iterate: Iterate) -> str:
+    """Why a stage ends with this iterate, or nothing."""
+    moved = iterate.displacement if stage.stop_rule == "displacement" else iterate.change
+    if moved >= stage.tolerance and iterate.decrease >= stage.cost_tolerance:
+        return ""
+    if iterate.expected > _STUCK and iterate.expected > 10.0 * iterate.decrease:
+        return "no better point"
+    return stage.stop_rule if moved < stage.tolerance else "cost"
 
 
 def _stiffness(stage: Stage, correlation: Correlation):

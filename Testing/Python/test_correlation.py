@@ -1,0 +1,305 @@
+"""Correlation of virtual and real image: residuals, weights, and derivatives against finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from VICRegistrationLib.geometry import models
+from VICRegistrationLib.geometry.parametrization import affine, closed_organ, control_points
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.sampling import Sampler
+from VICRegistrationLib.registration import correlation as correlation_module
+from VICRegistrationLib.registration.correlation import Correlation, SampleGrid
+from VICRegistrationLib.registration.levels import Levels
+from VICRegistrationLib.registration.profile import cosine_ramp
+
+AXES = np.array([[15.0, 2.0, 0.0], [-1.5, 11.0, 1.0], [0.0, 2.5, 20.0]])
+DEPTHS = np.linspace(-0.5, 0.5, 5)
+
+
+def organ(closure="smooth", net=(9, 7)):
+    return models.closed_organ(net, closure=closure, axes=AXES, center=(3.0, -4.0, 5.0))
+
+
+PARAMETRIZATIONS = {
+    "affine": lambda: affine(organ()),
+    "scaling": lambda: affine(organ(), free="scaling", center=np.zeros(3)),
+    "translation": lambda: affine(organ(), free="translation"),
+    "linear, paper's net": lambda: affine(organ("paper"), free="linear"),
+    "four of the twelve": lambda: affine(organ(), free=("T2", "R01", "R11", "R20")),
+    "affine bell": lambda: affine(models.bell(30.0)),
+    "control points of an organ": lambda: control_points(organ()),
+    "control points of the bell": lambda: control_points(models.bell(30.0)),
+    "smooth organ": lambda: closed_organ(organ()),
+    "paper's organ": lambda: closed_organ(organ("paper"), closure="paper"),
+    "smooth organ, 11 x 8": lambda: closed_organ(organ(net=(11, 8))),
+}
+
+
+@pytest.fixture(scope="module")
+def smooth_image():
+    """Slow waves on an oblique, left-handed grid, with continuous second derivatives between the voxels too."""
+    turn = np.linalg.qr(np.array([[2.0, 1.0, 0.3], [-0.8, 2.0, 0.5], [0.1, -0.6, 2.0]]))[0]
+    turn[:, 0] *= -np.sign(np.linalg.det(turn))
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn @ np.diag([2.0, 2.5, 3.0])
+    size = np.array([50, 42, 34])
+    matrix[:3, 3] = [2.0, -3.0, 4.0] - matrix[:3, :3] @ ((size - 1) / 2.0)
+    k, j, i = np.indices(size[::-1])
+    x, y, z = np.moveaxis(np.stack([i, j, k], axis=-1) @ matrix[:3, :3].T + matrix[:3, 3], -1, 0)
+    grey = 100.0 * np.sin(0.11 * x + 0.05 * y) + 80.0 * np.cos(0.09 * y - 0.07 * z) + 60.0 * np.sin(0.1 * z + 0.04 * x)
+    return Sampler(Image(300.0 + grey, matrix), order="cubic")
+
+
+def make(sampler, parametrization, *, shape=(12, 8), levels=None, depths=DEPTHS):
+    return Correlation(
+        sampler,
+        parametrization,
+        SampleGrid.on(parametrization.surface, shape),
+        depths=depths,
+        ramp=cosine_ramp(depths),
+        levels=levels or Levels(400.0, 200.0, 6.0, mode="given"),
+    )
+
+
+def reach(parametrization):
+    """Largest displacement of a control point by one unit of each degree of freedom, (n_dof,) mm."""
+    largest = np.zeros(parametrization.n_dof)
+    for matrix, index in zip(parametrization.matrices, parametrization.indices):
+        largest[index] = np.maximum(largest[index], abs(matrix).max(axis=0).toarray().ravel())
+    return largest
+
+
+def away_from_start(parametrization, size_mm=0.5):
+    """Degrees of freedom that each move control points by so much at most."""
+    random = np.random.default_rng(7)
+    return size_mm * random.uniform(-1.0, 1.0, parametrization.n_dof) / reach(parametrization)
+
+
+def differences(correlation, q):
+    """Central differences of all residuals, (n * m, n_dof), with the levels held."""
+    # Steps of 1e-3 mm: waves of 0.15 radian per mm give (1e-3 * 0.15)^2 / 6 = 4e-9, rounding some 1e-12.
+    steps = 1e-3 / reach(correlation.parametrization)
+    columns = [
+        (correlation.sample(q + step).residuals - correlation.sample(q - step).residuals).ravel() / (2.0 * size)
+        for size, step in zip(steps, np.diag(steps))
+    ]
+    return np.column_stack(columns)
+
+
+def direct_jacobian(correlation, samples):
+    """Return what the derivative would be if the normals did not turn: grad I . dS."""
+    parametrization = correlation.parametrization
+    n, m = samples.residuals.shape
+    result = np.zeros((n, m, parametrization.n_dof))
+    for k, (matrix, index) in enumerate(zip(parametrization.matrices, parametrization.indices)):
+        moved = (correlation.grid.bases[0] @ matrix).toarray()
+        result[:, :, index] += samples.gradients[:, :, k, None] * moved[:, None, :]
+    return result.reshape(n * m, -1)
+
+
+def relative(found, expected):
+    """Largest error of the columns in units of each column's size."""
+    return (np.linalg.norm(found - expected, axis=0) / np.linalg.norm(expected, axis=0)).max()
+
+
+@pytest.fixture(params=list(PARAMETRIZATIONS))
+def parametrization(request):
+    return PARAMETRIZATIONS[request.param]()
+
+
+# ------------------------------------------------------------------ derivatives
+
+
+def test_the_jacobian_agrees_with_finite_differences(smooth_image, parametrization):
+    correlation = make(smooth_image, parametrization)
+    q = away_from_start(parametrization)
+    correlation.refresh(q)
+    samples = correlation.sample(q)
+    assert (samples.weights > 0.0).all()
+    assert relative(correlation.jacobian(samples), differences(correlation, q)) < 1e-6
+
+
+@pytest.mark.parametrize("mode", ["local", "organ", "given"])
+def test_the_jacobian_holds_with_levels_and_edges_that_depend_on_the_place(smooth_image, mode):
+    parametrization = closed_organ(organ())
+    levels = Levels(400.0, 200.0, 6.0, mode=mode, voxel=np.diag([2.0, 2.0, 5.0]))
+    correlation = make(smooth_image, parametrization, levels=levels)
+    q = away_from_start(parametrization)
+    correlation.refresh(q)
+    assert relative(correlation.jacobian(correlation.sample(q)), differences(correlation, q)) < 1e-6
+
+
+def test_the_turning_normal_matters(smooth_image, parametrization):
+    correlation = make(smooth_image, parametrization)
+    q = away_from_start(parametrization)
+    correlation.refresh(q)
+    without = relative(direct_jacobian(correlation, correlation.sample(q)), differences(correlation, q))
+    # A translation turns no normal; for everything else the term is far above the 1e-6 of the whole.
+    if all(name.startswith("T") for name in _names(parametrization)):
+        assert without < 1e-6
+    else:
+        assert without > 1e-2
+
+
+def _names(parametrization):
+    return ("T",) if parametrization.n_dof == 3 and np.allclose(parametrization.scales(), 1.0) else ("R",)
+
+
+def test_on_the_surface_itself_the_normal_has_no_lever(smooth_image):
+    correlation = make(smooth_image, closed_organ(organ()), depths=np.zeros(1))
+    q = away_from_start(correlation.parametrization)
+    samples = correlation.sample(q)
+    np.testing.assert_allclose(
+        correlation.jacobian(samples), direct_jacobian(correlation, samples), rtol=0.0, atol=1e-12
+    )
+
+
+def test_the_gradient_is_the_jacobian_times_the_weighted_residuals(smooth_image, parametrization):
+    correlation = make(smooth_image, parametrization)
+    samples = correlation.sample(away_from_start(parametrization))
+    expected = correlation.jacobian(samples).T @ (samples.weights * samples.residuals).ravel()
+    found = correlation.gradient(samples)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_hessian_is_that_of_the_direct_term(smooth_image, parametrization):
+    correlation = make(smooth_image, parametrization)
+    samples = correlation.sample(away_from_start(parametrization))
+    direct = direct_jacobian(correlation, samples)
+    expected = direct.T @ (samples.weights.ravel()[:, None] * direct)
+    np.testing.assert_allclose(correlation.hessian(samples), expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_large_nets_take_sparse_matrices_with_the_same_numbers(smooth_image, monkeypatch):
+    parametrization = closed_organ(organ(net=(21, 21)))
+    q = away_from_start(parametrization, 0.2)
+    large = make(smooth_image, parametrization, shape=(24, 20))
+    monkeypatch.setattr(correlation_module, "_DENSE_LIMIT", 10_000)
+    dense = make(smooth_image, parametrization, shape=(24, 20))
+    assert large.sparse
+    assert not dense.sparse
+    ours, theirs = large.sample(q), dense.sample(q)
+    np.testing.assert_allclose(ours.residuals, theirs.residuals, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(large.gradient(ours), dense.gradient(theirs), rtol=0.0, atol=1e-14)
+    hessian = large.hessian(ours)
+    assert sparse.issparse(hessian)
+    scale = np.abs(dense.hessian(theirs)).max()
+    np.testing.assert_allclose(hessian.toarray(), dense.hessian(theirs), rtol=0.0, atol=1e-12 * scale)
+    np.testing.assert_allclose(large.jacobian(ours), dense.jacobian(theirs), rtol=0.0, atol=1e-12)
+    form = large.displacement_form(q, tangential=0.3, normal=2.0)
+    np.testing.assert_allclose(
+        form.toarray(), dense.displacement_form(q, tangential=0.3, normal=2.0), rtol=0.0, atol=1e-12
+    )
+
+
+# ------------------------------------------------------------------ residuals and weights
+
+
+def test_the_residual_is_real_minus_virtual_image_in_units_of_the_contrast(smooth_image):
+    parametrization = closed_organ(organ())
+    correlation = make(smooth_image, parametrization)
+    q = away_from_start(parametrization)
+    samples = correlation.sample(q)
+    surface = parametrization.deform(q)
+    u, v = (part.ravel() for part in np.meshgrid((np.arange(12) + 0.5) / 12, (np.arange(8) + 0.5) / 8, indexing="ij"))
+    for depth, distance in enumerate(DEPTHS * 6.0):
+        grey, _ = smooth_image.values(surface.points(u, v) + distance * surface.normals(u, v))
+        virtual = 200.0 + 200.0 * cosine_ramp(distance / 6.0)
+        np.testing.assert_allclose(samples.residuals[:, depth], (grey - virtual) / 200.0, atol=1e-12)
+
+
+def test_samples_weigh_by_the_area_they_stand_for(smooth_image):
+    correlation = make(smooth_image, closed_organ(organ()), shape=(64, 48))
+    samples = correlation.sample(np.zeros(correlation.parametrization.n_dof))
+    assert samples.weights.sum() == pytest.approx(1.0, rel=1e-12)
+    share = samples.weights.sum(axis=1)
+    below = samples.frame.points[:, 2] < 5.0
+    # The organ is symmetric about its centre at S = 5, though its samples crowd at the poles.
+    assert share[below].sum() == pytest.approx(0.5, abs=0.01)
+    polar = share.reshape(64, 48)[:, 0].sum()
+    assert polar < 0.25 / 48
+
+
+def test_samples_outside_of_the_volume_carry_no_weight():
+    k, j, i = np.indices((30, 30, 30))
+    matrix = np.eye(4)
+    matrix[:3, 3] = [-14.5, -14.5, -29.5]
+    sampler = Sampler(Image((i + 2.0 * j + 3.0 * k).astype(float), matrix))
+    ball = models.closed_organ(axes=10.0 * np.eye(3))
+    # The volume ends at S = 0: it holds the lower half of the ball.
+    correlation = make(sampler, closed_organ(ball), shape=(48, 40), depths=np.linspace(-0.5, 0.5, 3))
+    samples = correlation.sample(np.zeros(correlation.parametrization.n_dof))
+    positions = samples.frame.points[:, None] + 6.0 * correlation.depths[:, None] * samples.frame.normals[:, None]
+    outside = positions[..., 2] > 0.0
+    assert (samples.weights[outside] == 0.0).all()
+    assert (samples.residuals[outside] == 0.0).all()
+    assert (samples.weights[~outside] > 0.0).all()
+    area = np.repeat(samples.frame.length[:, None], 3, axis=1)
+    assert samples.weights.sum() == pytest.approx(area[~outside].sum() / area.sum(), rel=1e-12)
+    assert samples.weights.sum() == pytest.approx(0.5, abs=0.02)
+    assert np.isfinite(correlation.gradient(samples)).all()
+
+
+def test_levels_are_held_until_they_are_refreshed(smooth_image):
+    parametrization = closed_organ(organ())
+    q = away_from_start(parametrization, 2.0)
+    start = np.zeros(parametrization.n_dof)
+    held, fresh = (make(smooth_image, parametrization, levels=Levels(400.0, 200.0, 6.0)) for _ in range(2))
+    held.refresh(start)
+    before = held.sample(q).cost
+    held.refresh(q)
+    fresh.refresh(q)
+    assert held.sample(q).cost == pytest.approx(fresh.sample(q).cost, rel=1e-12)
+    assert held.sample(q).cost != pytest.approx(before, rel=1e-3)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_organ_may_be_brighter_or_darker(smooth_image, sign):
+    parametrization = closed_organ(organ())
+    inverted = Sampler(Image(sign * smooth_image.image.array, smooth_image.image.ijk_to_ras), order="cubic")
+    levels = Levels(sign * 400.0, sign * 200.0, 6.0, mode="given")
+    reference = make(smooth_image, parametrization).sample(np.zeros(parametrization.n_dof))
+    found = make(inverted, parametrization, levels=levels).sample(np.zeros(parametrization.n_dof))
+    np.testing.assert_allclose(found.residuals, sign * reference.residuals, atol=1e-12)
+
+
+# ------------------------------------------------------------------ where the blur moves a curved edge
+
+
+@pytest.mark.parametrize(
+    "voxel",
+    [np.diag([0.6, 0.6, 4.0]), np.diag([5.0, 1.0, 1.0]), np.array([[0.5, 0.0, 2.0], [0.3, 1.0, 0.0], [0.0, 0.2, 3.0]])],
+)
+def test_samples_of_a_ball_move_by_its_curvature_and_the_voxel(voxel):
+    radius = 20.0
+    k, j, i = np.indices((52, 52, 52)) - 25.5
+    matrix = np.eye(4)
+    matrix[:3, 3] = -25.5
+    # Grey levels tell the distance from the centre, so that a residual tells where its sample lies.
+    sampler = Sampler(Image(np.sqrt(i**2 + j**2 + k**2), matrix), order="cubic")
+    ball = models.closed_organ((33, 33), axes=radius * np.eye(3))
+    parametrization = affine(ball, free="translation")
+    levels = Levels(1.0, 0.0, 3.0, mode="given", voxel=voxel)
+    depths = np.array([-0.5, 0.0, 0.5])
+    grid = SampleGrid.on(ball, (48, 40))
+    correlation = Correlation(sampler, parametrization, grid, depths=depths, ramp=np.zeros(3), levels=levels)
+    samples = correlation.sample(np.zeros(3))
+    normals = samples.frame.normals
+    # For a ball the second derivatives of the distance are (I - n n') / R.
+    variance = voxel @ voxel.T / 4.0
+    shift = -(np.trace(variance) - np.einsum("na,ab,nb->n", normals, variance, normals)) / (2.0 * radius)
+    np.testing.assert_allclose(samples.residuals, radius + shift[:, None] + 3.0 * depths, rtol=0.0, atol=2e-3)
+
+
+def test_a_curvature_is_that_of_a_ball(smooth_image):
+    radius = 20.0
+    ball = models.closed_organ((33, 33), axes=radius * np.eye(3))
+    levels = Levels(1.0, 0.0, 3.0, mode="given", voxel=np.eye(3))
+    correlation = make(smooth_image, affine(ball), shape=(24, 20), levels=levels)
+    frame = correlation.frame(np.zeros(12))
+    expected = (np.eye(3) - frame.normals[:, :, None] * frame.normals[:, None, :]) / radius
+    # A net of 33 x 33 is round to 1 % of its curvature; next to the poles, where its derivatives vanish, less so.
+    np.testing.assert_allclose(correlation._curvature(np.zeros(12), frame), expected, atol=0.03 / radius)

@@ -1,0 +1,53 @@
+"""The demo's organs in thick slices and noise: how far the fitted surfaces are from the truth."""
+
+from __future__ import annotations
+
+import pytest
+
+from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+
+ORGANS = ("bladder", "vagina", "rectum")
+# Asked for: 0.25 mm in the mean and 0.1 mm signed. Measured: 0.15 to 0.16 mm, -0.05 to +0.02 mm.
+MEAN_MM, SIGNED_MM = 0.20, 0.08
+
+
+@pytest.fixture(scope="module", params=[0, 1])
+def noisy_pelvis(request, pelvis):
+    """The demo's image with its own and with other noise and tissue."""
+    return pelvis if request.param == 0 else pelvis_phantom(seed=request.param)
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+def test_an_organ_is_found_to_a_fraction_of_a_pixel(noisy_pelvis, organ):
+    fit = finish(fit_organ(noisy_pelvis.image, noisy_pelvis.seeds[organ]))
+    found = deviation(fit.surface, noisy_pelvis.surfaces[organ])
+    assert found.mean <= MEAN_MM
+    assert abs(found.mean_signed) <= SIGNED_MM
+    # Half the organs' surface lies in slices of 4 mm; nowhere is it missed by more than one slice.
+    assert found.p95 <= 0.6
+    assert found.maximum <= 2.5
+    assert fit.converged
+    assert fit.problems == ()
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+def test_the_paper_s_closure_and_a_finer_net_do_as_well(pelvis, organ):
+    for options in (FitOptions(closure="paper"), FitOptions(net=(17, 13))):
+        fit = finish(fit_organ(pelvis.image, pelvis.seeds[organ], options))
+        found = deviation(fit.surface, pelvis.surfaces[organ], n_points=3000)
+        # Measured: up to 0.28 mm with the paper's closure, whose poles and seam bend less freely; 0.14 with 17 x 13.
+        assert found.mean <= (0.3 if options.closure == "paper" else 0.2)
+        assert abs(found.mean_signed) <= 0.15
+        assert fit.problems == ()
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+def test_the_paper_s_solver_does_as_well(pelvis, organ):
+    fit = finish(fit_organ(pelvis.image, pelvis.seeds[organ], FitOptions(solver="gradient-descent")))
+    found = deviation(fit.surface, pelvis.surfaces[organ], n_points=3000)
+    # Descent stops a little short of the minimum along weakly determined directions.
+    assert found.mean <= 0.25
+    assert abs(found.mean_signed) <= 0.15
+    assert fit.problems == ()

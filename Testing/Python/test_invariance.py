@@ -1,0 +1,103 @@
+"""The same organ however the volume lies in memory and in the world."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from VICRegistrationLib.analysis.deviation import points_on
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+
+ORGANS = ("bladder", "vagina", "rectum")
+# Asked for: 1e-3 mm for axes in another order and 0.02 mm for rotations. Measured: 1e-11 mm, because everything happens
+# in the frame of the organ's own axes; the bound leaves room for other orders of summation.
+CLOSE_MM = 1e-6
+ORIENTATIONS = list(itertools.product(itertools.permutations(range(3)), itertools.product((False, True), repeat=3)))
+
+
+@pytest.fixture(scope="module")
+def slab(pelvis):
+    """The part of the demo's volume around its organs: thick slices, noise, oblique to the world."""
+    return pelvis.image.crop((0, 130, 130), (28, 380, 390))
+
+
+@pytest.fixture(scope="module")
+def surfaces(slab, pelvis):
+    """Fitted surfaces in the volume as it is."""
+    return {name: finish(fit_organ(slab, pelvis.seeds[name])).surface for name in ORGANS}
+
+
+def reordered(image, order, flips):
+    """The same voxels in the same places of the world, with axes (i, j, k) permuted and flipped in memory."""
+    array = image.array.transpose([2 - axis for axis in order[::-1]])
+    matrix = image.ijk_to_ras.copy()
+    matrix[:3, :3] = image.ijk_to_ras[:3, list(order)]
+    for axis, flip in enumerate(flips):
+        if flip:
+            array = np.flip(array, 2 - axis)
+            matrix[:3, 3] += matrix[:3, axis] * (array.shape[2 - axis] - 1)
+            matrix[:3, axis] *= -1.0
+    return Image(np.ascontiguousarray(array), matrix)
+
+
+def moved(degrees, axis, shift):
+    matrix = np.eye(4)
+    axis = np.array(axis) / np.linalg.norm(axis)
+    matrix[:3, :3] = Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix()
+    matrix[:3, 3] = shift
+    return matrix
+
+
+def test_both_hands_and_all_orders_are_tried(slab):
+    hands = {np.sign(np.linalg.det(reordered(slab, *way).ijk_to_ras[:3, :3])) for way in ORIENTATIONS}
+    assert hands == {-1.0, 1.0}
+    assert len(ORIENTATIONS) == 48
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+def test_axes_permuted_and_flipped_give_the_same_surface(slab, pelvis, surfaces, organ):
+    # Each organ in a third of the 48 ways, all of them together in all.
+    for order, flips in ORIENTATIONS[ORGANS.index(organ) :: 3]:
+        found = finish(fit_organ(reordered(slab, order, flips), pelvis.seeds[organ])).surface
+        difference = np.abs(found.control_net - surfaces[organ].control_net).max()
+        assert difference < CLOSE_MM, (order, flips)
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+@pytest.mark.parametrize(
+    ("degrees", "axis", "shift"),
+    [
+        (5.0, (1, 0, 0), (0, 0, 0)),
+        (40.0, (1, 2, -1), (10, 0, 0)),
+        (45.0, (0, 1, 0), (0, 0, 0)),
+        (93.7, (0, 0, 1), (0, 50, 0)),
+        (137.0, (3, -1, 2), (500, -800, 1200)),
+        (180.0, (1, 1, 0), (0, 0, 0)),
+    ],
+)
+def test_a_volume_turned_in_the_world_gives_the_turned_surface(slab, pelvis, surfaces, organ, degrees, axis, shift):
+    motion = moved(degrees, axis, shift)
+    image = Image(slab.array, motion @ slab.ijk_to_ras)
+    seeds = pelvis.seeds[organ] @ motion[:3, :3].T + motion[:3, 3]
+    found = finish(fit_organ(image, seeds)).surface
+    expected = surfaces[organ].transformed(motion)
+    assert np.abs(found.control_net - expected.control_net).max() < CLOSE_MM
+    # The shape itself, whatever its control net.
+    distances = closest_points(expected, points_on(found, 300)).distances
+    assert np.abs(distances).max() < 0.02
+
+
+@pytest.mark.parametrize("options", [FitOptions(solver="gradient-descent"), FitOptions(closure="paper", net=(12, 9))])
+def test_other_options_keep_the_invariance(slab, pelvis, options):
+    motion = moved(71.0, (1, 1, 1), (-30, 20, 5))
+    turned = Image(slab.array, motion @ slab.ijk_to_ras)
+    turned = reordered(turned, (2, 0, 1), (True, False, False))
+    seeds = pelvis.seeds["vagina"] @ motion[:3, :3].T + motion[:3, 3]
+    expected = finish(fit_organ(slab, pelvis.seeds["vagina"], options)).surface.transformed(motion)
+    found = finish(fit_organ(turned, seeds, options)).surface
+    assert np.abs(found.control_net - expected.control_net).max() < 1e-3

@@ -1,0 +1,95 @@
+"""Choices for fitting an organ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from ..geometry import models
+from ..geometry.parametrization import CLOSURES
+from .levels import LEVEL_MODES
+from .solvers import SOLVERS
+
+# The paper: a ramp of 2 to 3 pixels suits the MRI used.
+TAU_PIXELS = 2.5
+MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Choices for fitting an organ; the defaults need no tuning.
+
+    Parameters
+    ----------
+    net : (rows, columns)
+        Size of the control net in the paper's counting.
+    closure : {"smooth", "paper"}
+        How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
+    threshold : (low, high), optional
+        Grey levels of the organ, for separating it; suggested from the seeds if not given.
+    erosion : float, optional
+        Erosion that cuts bridges to neighbours, mm; the default of :func:`..imaging.separation.separate` if not given.
+    solver : {"gauss-newton", "gradient-descent"}
+    tau : float, optional
+        Width of the intensity profile's ramp in mm; `TAU_PIXELS` times the finest voxel spacing if not given.
+    centered : bool
+        Whether the surface lies at half height of the ramp, or as published at its inner foot.
+    levels : {"local", "organ", "given"}
+        Grey levels inside and outside: estimated along the surface, once for the organ, or given.
+    inside, outside : float, optional
+        Grey levels for ``levels="given"``.
+    smoothness : float
+        Weight of the thin-plate energy, dimensionless, see :class:`.stages.Stage`; larger is stiffer.
+    tolerance : float
+        Largest displacement of a control point at which the last stage stops, mm.
+    max_iterations : int, optional
+        For each stage; 50 for Gauss-Newton and 300 for gradient descent if not given.
+    """
+
+    net: tuple[int, int] = models.DEFAULT_NET
+    closure: str = "smooth"
+    threshold: tuple[float, float] | None = None
+    erosion: float | None = None
+    solver: str = "gauss-newton"
+    tau: float | None = None
+    centered: bool = True
+    levels: str = "local"
+    inside: float | None = None
+    outside: float | None = None
+    smoothness: float = 1e-5
+    tolerance: float = 0.1
+    max_iterations: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without an image."""
+        object.__setattr__(self, "net", _checked_net(self.net))
+        for name, choices in (("solver", tuple(SOLVERS)), ("levels", LEVEL_MODES), ("closure", CLOSURES)):
+            if getattr(self, name) not in choices:
+                msg = f"The option {name} is {getattr(self, name)!r}; choose one of {', '.join(choices)}."
+                raise ValueError(msg)
+        if self.levels == "given" and (self.inside is None or self.outside is None):
+            msg = "Given levels were asked for without them; give the grey levels inside and outside too."
+            raise ValueError(msg)
+        for name in ("tau", "tolerance", "smoothness", "max_iterations"):
+            value = getattr(self, name)
+            if value is None and name in ("tau", "max_iterations"):
+                continue
+            is_number = isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(value)
+            if not is_number or value < 0 or (value == 0 and name != "smoothness"):
+                msg = f"The option {name} is {value!r}; a finite positive number is needed."
+                raise ValueError(msg)
+
+
+def _checked_net(net) -> tuple[int, int]:
+    """Return the net's size as two whole numbers."""
+    try:
+        rows, columns = (int(size) for size in net)
+        whole = (rows, columns) == tuple(net)
+    except (TypeError, ValueError):
+        whole = False
+    if not whole:
+        msg = f"The option net is {net!r}; two whole numbers are needed, such as (9, 7)."
+        raise ValueError(msg)
+    return rows, columns
