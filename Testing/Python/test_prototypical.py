@@ -1,0 +1,108 @@
+"""Section 2.3 of the paper: the bell is found again in its own image, at both resolutions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from VICRegistrationLib.geometry import models
+from VICRegistrationLib.imaging.sampling import Sampler
+from VICRegistrationLib.reproduction import prototypical
+from VICRegistrationLib.reproduction.prototypical import BELL_MM, RAMP_MM, TESTS
+
+BY_NAME = {test.name: test for test in TESTS}
+NAMES = list(BY_NAME)
+# Asked for: 0.005 for R and 0.05 mm for T. Measured: 0.0005, and 0.02 mm, which is half the shift by which the
+# image's own smoothing moves the edge of a curved wall.
+R_BOUND, T_BOUND = 0.002, 0.03
+
+
+@pytest.fixture(scope="module")
+def images():
+    """The two images of the paper; the fine one takes most of this file's time."""
+    return {n: prototypical.prototypical_image(n) for n in (100, 200)}
+
+
+@pytest.fixture(scope="module")
+def found(images):
+    """Values of the free parameters at the end and the history, keyed by resolution and test."""
+    return {(n, test.name): prototypical.run_test(test, image) for n, image in images.items() for test in TESTS}
+
+
+def errors(test, values):
+    """Absolute errors in units of what is asked for."""
+    bounds = np.array([R_BOUND if name.startswith("R") else T_BOUND for name in test.free])
+    return np.abs(values - test.theory) / bounds
+
+
+def test_the_theory_is_that_of_the_paper():
+    np.testing.assert_allclose(BY_NAME["scaling"].theory, [0.5, 0.5, 0.667], atol=4e-4)
+    np.testing.assert_allclose(BY_NAME["translation"].theory, [10.0, 15.0, -10.0], atol=1e-12)
+    tilt = np.deg2rad(20.0)
+    turned = [
+        [1 / 1.5, 0, 0],
+        [0, np.cos(tilt) / 1.5, np.sin(tilt) / 1.5],
+        [0, -np.sin(tilt) / 1.2, np.cos(tilt) / 1.2],
+    ]
+    np.testing.assert_allclose(BY_NAME["scaling + rotation"].theory, np.ravel(turned), atol=1e-12)
+
+
+def test_the_free_parameters_are_those_of_the_paper():
+    assert [len(test.free) for test in TESTS] == [3, 3, 9]
+    assert all(len(test.free) == len(test.paper_errors) for test in TESTS)
+
+
+@pytest.mark.parametrize("n", [100, 200])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_free_parameter_is_found(found, n, name):
+    values, history = found[n, name]
+    assert (errors(BY_NAME[name], values) <= 1.0).all()
+    assert history[-1].converged
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_descent_finds_the_same(images, found, name):
+    values, history = prototypical.run_test(BY_NAME[name], images[100], solver="gradient-descent")
+    assert (errors(BY_NAME[name], values) <= 1.0).all()
+    assert history[-1].converged
+    # Both stop when parameters change by less than 1e-4; gradient descent may still be a few such steps away.
+    np.testing.assert_allclose(values, found[100, name][0], atol=1e-3)
+    # The paper's optimiser is the slower one.
+    assert len(history) > len(found[100, name][1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_resolution_changes_little(found, name):
+    # The paper: "about 1e-3"; for translations that is 1e-3 mm.
+    np.testing.assert_allclose(found[100, name][0], found[200, name][0], atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [100, 200])
+def test_the_image_is_one_inside_and_zero_outside_over_a_ramp_of_six_millimetres(images, n):
+    sampler = Sampler(images[n], order="cubic")
+    bell = models.bell(BELL_MM)
+    u, v = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 1.0, 40), np.linspace(0.05, 0.9, 30)))
+    points, normals = bell.points(u, v), bell.normals(u, v)
+    half = RAMP_MM / 2.0
+
+    def level(depth):
+        values, valid = sampler.values(points + depth * normals)
+        assert valid.all()
+        return values
+
+    # Smoothing by 0.5 mm and curved walls (radius 10 mm at the edges of the bell) move the levels by some percent.
+    np.testing.assert_allclose(level(0.0), 0.5, atol=0.03)
+    np.testing.assert_allclose(level(-half - 1.5), 1.0, atol=2e-3)
+    np.testing.assert_allclose(level(half + 1.5), 0.0, atol=2e-3)
+    np.testing.assert_allclose(level(-half / 2.0), 0.5 + 0.5 * np.sqrt(0.5), atol=0.03)
+    np.testing.assert_allclose(level(half / 2.0), 0.5 - 0.5 * np.sqrt(0.5), atol=0.03)
+
+
+@pytest.mark.parametrize("n", [100, 200])
+def test_the_image_covers_the_hundred_millimetres_about_the_origin(images, n):
+    image = images[n]
+    assert image.array.shape == (n, n, n)
+    np.testing.assert_allclose(image.spacing, 100.0 / n)
+    np.testing.assert_allclose(image.to_ras([[-0.5] * 3, [n - 0.5] * 3]), [[-50.0] * 3, [50.0] * 3], atol=1e-12)
+    assert image.array.min() >= 0.0
+    assert image.array.max() <= 1.0

@@ -1,0 +1,58 @@
+"""The one-dimensional example of figures 5 and 6: a profile shifted along a row of pixels.
+
+The paper prints the grey levels of its row only as a figure. Chosen here: the profile itself (equation 3), placed at
+the true shift, sampled at whole pixels, and interpolated by a cubic spline.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
+from ..registration.profile import IntensityProfile
+
+PROFILE = IntensityProfile(inside=130.0, outside=25.0, width=3.0, centered=False)
+TRUE_SHIFT = 2.6
+N_PIXELS = 10
+N_SAMPLES = 31
+
+
+def row_of_pixels(shift: float = TRUE_SHIFT) -> np.ndarray:
+    """Grey levels at pixels 0, 1, ..., 9 of an edge at `shift` pixels, (10,)."""
+    return PROFILE.value(np.arange(N_PIXELS) - shift)
+
+
+def interpolated(pixels: np.ndarray, positions: np.ndarray, *, order: str = "cubic") -> np.ndarray:
+    """Grey levels between the pixels, at positions (n,) in pixels."""
+    volume = np.broadcast_to(np.asarray(pixels, dtype=float), (2, 2, len(pixels)))
+    points = np.zeros((len(positions), 3))
+    points[:, 0] = positions
+    return Sampler(Image(volume, np.eye(4)), order=order).values(points)[0]
+
+
+def cost(shifts: np.ndarray, pixels: np.ndarray, *, order: str = "cubic") -> np.ndarray:
+    """Cost of the virtual image for each shift, (n,).
+
+    Notes
+    -----
+    Equation 4 of Jiang et al. (Strain 2019): uniform samples of [0, tau].
+    """
+    samples = np.linspace(0.0, PROFILE.width, N_SAMPLES)
+    positions = np.add.outer(np.atleast_1d(shifts), samples)
+    grey = interpolated(pixels, positions.ravel(), order=order).reshape(positions.shape)
+    return ((grey - PROFILE.value(samples)) ** 2).sum(axis=1)
+
+
+def best_shift(pixels: np.ndarray, *, order: str = "cubic") -> float:
+    """Shift at which the cost is least, pixels."""
+    shifts = np.linspace(0.0, N_PIXELS - 1.0 - PROFILE.width, 61)
+    start = shifts[np.argmin(cost(shifts, pixels, order=order))]
+    found = minimize_scalar(
+        lambda shift: cost(shift, pixels, order=order)[0],
+        bounds=(start - 0.2, start + 0.2),
+        method="bounded",
+        options={"xatol": 1e-6},
+    )
+    return float(found.x)
