@@ -1,0 +1,77 @@
+"""Ratios of time and memory against something measured in the same run: ``python Testing/benchmarks/run.py``.
+
+Nothing passes or fails by time. The order of what is compared alternates, and medians are printed, because other
+programs share the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+# Threads of linear algebra on cores that other programs use too would be measured instead of the work: matrices are
+# small here, and waiting for a busy core takes many times longer than they do. To be set before numpy is imported,
+# which is why the cases are imported late.
+THREADS = "OMP_NUM_THREADS"
+
+TITLES = {
+    "surface": "From a separated region to a surface",
+    "separation": "Separating an organ in a large volume",
+    "growth": "Growth of the local fit",
+    "sampling": "Sampling grey levels",
+}
+
+
+def reports() -> dict[str, Callable[..., str]]:
+    """Functions that measure a case and tell about it."""
+    import growth
+    import surfaces
+    import volumes
+
+    functions = (surfaces.report, volumes.separation_report, growth.report, volumes.sampling_report)
+    return dict(zip(TITLES, functions))
+
+
+def machine() -> str:
+    """What the numbers were measured on."""
+    import numpy
+    import scipy
+    import SimpleITK
+    from vtkmodules.vtkCommonCore import vtkVersion
+
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = {
+        "numpy": numpy.__version__,
+        "scipy": scipy.__version__,
+        "VTK": vtkVersion.GetVTKVersion(),
+        "SimpleITK": SimpleITK.Version_VersionString(),
+    }
+    return (
+        f"{usable} cores, {platform.machine()}, {platform.system()}; Python {platform.python_version()}, "
+        f"{', '.join(f'{name} {version}' for name, version in versions.items())}; "
+        f"one process, {THREADS}={os.environ.get(THREADS, 'not set')}"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer repeats and smaller sizes")
+    parser.add_argument("--only", metavar="NAME", choices=tuple(TITLES), help=f"one of {', '.join(TITLES)}")
+    options = parser.parse_args(arguments)
+    os.environ.setdefault(THREADS, "1")
+    print(f"Benchmark of VICRegistration\n{machine()}", flush=True)
+    for name, report in reports().items():
+        if options.only in (None, name):
+            start = time.perf_counter()
+            text = report(quick=options.quick)
+            print(f"\n{TITLES[name]} ({name}, {time.perf_counter() - start:.0f} s)\n\n{text}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""What is measured on: the demo's organs, real bladders where there are any, and an organ in a volume of any size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from VICRegistrationLib.geometry.surface import BSplineSurface
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.reading import read_image
+from VICRegistrationLib.imaging.separation import Region, region_from_mask, separate
+from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
+BLADDERS = ("crop_IM0465", "crop_IM0533", "full_p5")
+LUMEN = 3
+ORGAN_LEVEL, WALL_LEVEL, TISSUE_LEVELS, NOISE = 900.0, 170.0, (220.0, 450.0), 45.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An image with a separated organ, and its true surface where it is known."""
+
+    name: str
+    image: Image
+    region: Region
+    truth: BSplineSurface | None = None
+
+
+def demo_scenes() -> list[Scene]:
+    """The three organs of the demo, separated from their seeds."""
+    phantom = pelvis_phantom()
+    return [
+        Scene(name, phantom.image, separate(phantom.image, seeds), phantom.surfaces[name])
+        for name, seeds in phantom.seeds.items()
+    ]
+
+
+def bladder_scenes(folder: Path = DATA) -> list[Scene]:
+    """Real bladders with the experts' lumen, cleaned; none where the data is absent."""
+    scenes = []
+    for name in BLADDERS:
+        if (folder / f"{name}_t2.nii.gz").exists():
+            image = read_image(folder / f"{name}_t2.nii.gz")
+            lumen = ndimage.binary_fill_holes(read_image(folder / f"{name}_label.nii.gz").array == LUMEN)
+            scenes.append(Scene(name, image, region_from_mask(image, lumen, largest_component=True)))
+    return scenes
+
+
+def organ_volume(size: tuple[int, int, int], spacing: tuple[float, float, float], *, noise: float = NOISE) -> Image:
+    """An ellipsoid of 70 x 64 x 60 mm with a dark wall in patchy tissue, in the middle of (ni, nj, nk) voxels."""
+    matrix = np.diag([*spacing, 1.0])
+    matrix[:3, 3] = -(np.array(size) - 1.0) / 2.0 * spacing
+    random = np.random.default_rng(0)
+    patches = [int(np.ceil(n * step / 12.0)) for n, step in zip(size[::-1], spacing[::-1])]
+    tissue = random.choice(TISSUE_LEVELS, patches).astype(np.float32)
+    places = [
+        np.minimum((np.arange(n) * step / 12.0).astype(int), count - 1)
+        for n, step, count in zip(size[::-1], spacing[::-1], patches)
+    ]
+    array = np.empty(size[::-1], dtype=np.int16)
+    i, j = (matrix[a, 3] + spacing[a] * np.arange(size[a], dtype=np.float32) for a in (0, 1))
+    for k in range(size[2]):
+        squares = (i[None, :] / 35.0) ** 2 + (j[:, None] / 32.0) ** 2 + ((matrix[2, 3] + spacing[2] * k) / 30.0) ** 2
+        # About the signed distance from the ellipsoid near it, mm.
+        distance = 32.0 * (np.sqrt(squares) - 1.0)
+        inside, wall = (np.clip(0.5 - (distance - reach) / spacing[0], 0.0, 1.0) for reach in (0.0, 4.0))
+        grey = tissue[places[0][k]][np.ix_(places[1], places[2])]
+        grey = grey + wall * (WALL_LEVEL - grey)
+        grey = grey + inside * (ORGAN_LEVEL - grey)
+        array[k] = grey + noise * random.standard_normal(grey.shape, dtype=np.float32)
+    return Image(array, matrix)
