@@ -175,11 +175,31 @@ def test_the_default_erosion_grows_until_the_region_fits_what_the_seed_sees():
     assert region.volume_ml == pytest.approx(4 / 3 * np.pi * 9**3 / 1000, rel=0.2)
 
 
-def test_every_seed_brings_its_component():
+def test_seeds_in_separate_pieces_are_refused():
     image, first, second = bridged()
-    both = separate(image, [first, second], threshold=(140, 300), erosion=2.0)
-    single = [separate(image, seed, threshold=(140, 300), erosion=2.0).volume_ml for seed in (first, second)]
-    assert both.volume_ml == pytest.approx(sum(single))
+    with pytest.raises(ValueError, match="falls into 2 pieces, which one closed surface cannot hold") as refusal:
+        separate(image, [first, second], threshold=(140, 300), erosion=2.0)
+    assert "Fit them one by one, or widen the threshold or lower the erosion so that they join." in str(refusal.value)
+
+
+def test_seeds_in_one_piece_agree():
+    image, first, second = bridged()
+    joined = separate(image, [first, second], threshold=(140, 300), erosion=0.0)
+    assert joined.volume_ml == pytest.approx(separate(image, first, threshold=(140, 300), erosion=0.0).volume_ml)
+
+
+def test_a_region_beyond_what_the_seed_sees_carries_a_warning():
+    image, first, _ = bridged()
+    leaked = separate(image, first, threshold=(140, 300), erosion=0.0)
+    assert len(leaked.warnings) == 1
+    assert "it may have leaked into other tissue (threshold 140 to 300, erosion 0 mm)" in leaked.warnings[0]
+    assert separate(image, first, threshold=(140, 300), erosion=2.0).warnings == ()
+
+
+@pytest.mark.parametrize("erosion", [1e308, 1e6, 60.0])
+def test_an_erosion_larger_than_half_of_the_volume_is_refused_at_once(image, erosion):
+    with pytest.raises(ValueError, match="more than half of the volume's longest side .* Use a few millimetres"):
+        separate(image, CENTER, threshold=(140, 300), erosion=erosion)
 
 
 def test_a_thin_organ_is_eroded_less_by_default():

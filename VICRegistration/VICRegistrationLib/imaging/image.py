@@ -170,9 +170,21 @@ def _check_finite(array):
     # The minimum and maximum carry a NaN or an infinity along without a mask of the volume's size.
     if array.dtype.kind != "f" or np.isfinite([array.min(), array.max()]).all():
         return
-    bad = array.size - int(np.count_nonzero(np.isfinite(array)))
+    check_finite_count(array.size - int(np.count_nonzero(np.isfinite(array))), array.size)
+
+
+def check_finite_count(bad: int, size: int) -> None:
+    """Refuse an image of `size` voxels of which `bad` are not finite.
+
+    Raises
+    ------
+    ValueError
+        If there are any.
+    """
+    if not bad:
+        return
     msg = (
-        f"{bad} of the image's {array.size} voxels are not finite (NaN or infinity); every voxel needs a "
+        f"{bad} of the image's {size} voxels are not finite (NaN or infinity); every voxel needs a "
         "grey level. Replace them, for example by 0, and try again."
     )
     raise ValueError(msg)

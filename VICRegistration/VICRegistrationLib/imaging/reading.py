@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import gzip
-import os
 import re
-import zlib
 from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
 
 from ..files import replacing
+from . import nifti
 from .image import Image
 
 _LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -40,7 +38,8 @@ def read_image(path, *, series: str | None = None) -> Image:
     ------
     ValueError
         If there is nothing at `path`, it cannot be read, it is not one grey-level volume (colour, several
-        frames, a single slice), voxels are not finite, or the DICOM series is not clear or has uneven slices.
+        frames, a single slice), voxels are not finite, a NIfTI file's spacing is not positive, or the DICOM series
+        is not clear or has uneven slices.
     """
     path = Path(path)
     if not path.exists():
@@ -101,7 +100,8 @@ def _read_file(path):
     try:
         reader.ReadImageInformation()
         _check_kind(reader, path)
-        _check_complete(reader, path)
+        if path.name.lower().endswith(nifti.ENDINGS):
+            nifti.check_nifti(path)
         volume = reader.Execute()
     except RuntimeError as error:
         msg = (
@@ -135,37 +135,6 @@ def _check_kind(reader, path):
         )
         msg = f"{path} holds a single slice; a surface needs several slices, so {advice}."
         raise ValueError(msg)
-
-
-def _check_complete(reader, path):
-    """Refuse a NIfTI file that was cut short: ITK reads it and leaves the rest of the voxels undefined."""
-    name = path.name.lower()
-    if not name.endswith((".nii", ".nii.gz")):
-        return
-    needed = float(reader.GetMetaData("vox_offset")) + np.prod(reader.GetSize(), dtype=float) * (
-        int(reader.GetMetaData("bitpix")) // 8
-    )
-    found = path.stat().st_size if name.endswith(".nii") else _unpacked_size(path, needed)
-    if found < needed:
-        msg = f"{path} is cut short ({found:.0f} of {needed:.0f} bytes); copy or download it again."
-        raise ValueError(msg)
-
-
-def _unpacked_size(path, expected):
-    """Size of a gzip file's content: from its last four bytes if they agree, else by unpacking it."""
-    with path.open("rb") as file:
-        magic = file.read(2)
-        file.seek(-4, os.SEEK_END)
-        noted = int.from_bytes(file.read(4), "little")
-    if magic != b"\x1f\x8b":
-        return path.stat().st_size
-    if noted == expected % 2**32:
-        return expected
-    size = 0
-    with contextlib.suppress(EOFError, OSError, zlib.error), gzip.open(path) as file:
-        while block := file.read(1 << 20):
-            size += len(block)
-    return size
 
 
 def _read_dicom_folder(folder, series):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -44,6 +44,8 @@ class Region:
         go on outside.
     erosion : float or None
         Radius of the erosion in mm; None if the mask was given.
+    warnings : tuple of str
+        Sentences about what looks wrong with the region, and what to do; empty if nothing does.
     """
 
     mask: np.ndarray
@@ -52,6 +54,7 @@ class Region:
     threshold: tuple | None
     touches_border: tuple
     erosion: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def image(self) -> Image:
@@ -85,7 +88,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     erosion : float, optional
         Radius of the erosion in mm. Slices thicker than it are not eroded into one another. By default 2 mm,
         or the next whole number up to 6 mm at which the region is at most 1.3 times what the rays from the
-        seeds span (`find_edges`), or less where the organ is too thin for 2 mm.
+        seeds span (`find_edges`), or less where the organ is too thin for 2 mm or would fall into pieces.
     dilation : float, optional
         Radius of the dilation in mm, by default that of the erosion.
     fill : bool
@@ -94,13 +97,15 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     Returns
     -------
     Region
-        An organ cut by the border of the volume is not an error: see ``touches_border``.
+        An organ cut by the border of the volume is not an error: see ``touches_border``. Nor is one much larger
+        than what the rays span: see ``warnings``.
 
     Raises
     ------
     ValueError
         If a seed lies outside the volume or the threshold or does not survive the erosion, if the threshold
-        or a radius makes no sense, or if the region has leaked over most of the volume.
+        or a radius makes no sense, if the seeds lie in separate pieces, or if the region has leaked over most of
+        the volume.
 
     Notes
     -----
@@ -109,21 +114,23 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     """
     seeds = checked_seeds(image, seeds)
     edges = find_edges(image, seeds)
-    threshold = threshold_between(edges) if threshold is None else _checked_threshold(threshold)
-    dilation = None if dilation is None else _checked_radius("dilation", dilation)
+    suggested = threshold is None
+    threshold = threshold_between(edges) if suggested else _checked_threshold(threshold)
+    dilation = None if dilation is None else _checked_radius("dilation", dilation, image)
     voxels = voxels_of(image, seeds)
-    _check_seed_levels(image, seeds, voxels, threshold)
+    _check_seed_levels(image, seeds, voxels, threshold, suggested=suggested)
     if erosion is None:
         start, mask, erosion = _separated_by_default(image, edges, voxels, threshold, dilation)
     else:
-        erosion = _checked_radius("erosion", erosion)
+        erosion = _checked_radius("erosion", erosion, image)
         start, inside, core = _grown_core(image, edges, voxels, threshold, erosion, dilation)
         if not core.any():
             _refuse_erosion(image, seeds, voxels - start, inside, erosion)
         mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
     region = _cropped(image, mask, start, fill=fill, threshold=threshold, erosion=erosion)
     _check_leak(image, region)
-    return region
+    _check_pieces(region)
+    return replace(region, warnings=_warnings(region, edges, np.count_nonzero(mask) * image.voxel_volume))
 
 
 def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
@@ -176,7 +183,7 @@ def _separated_by_default(image, edges, voxels, threshold, dilation):
             continue
         start, inside, core = grown
         mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
-        if np.count_nonzero(mask) <= limit:
+        if np.count_nonzero(mask) <= limit and _pieces(mask) == 1:
             break
     return start, mask, erosion
 
@@ -329,16 +336,56 @@ def _check_leak(image, region):
     raise ValueError(msg)
 
 
-def _check_seed_levels(image, seeds, voxels, threshold):
+def _pieces(mask):
+    """Count the components of a mask that is not empty."""
+    first, last = _bounds(mask)
+    return ndimage.label(mask[tuple(map(slice, first, last))])[1]
+
+
+def _check_pieces(region):
+    count = _pieces(region.mask)
+    if count > 1:
+        low, high = region.threshold
+        remedy = "widen the threshold or lower the erosion" if region.erosion else "widen the threshold"
+        msg = (
+            f"The separated region falls into {count} pieces, which one closed surface cannot hold (threshold "
+            f"{low:.6g} to {high:.6g}, erosion {region.erosion:g} mm). Fit them one by one, or {remedy} so that they "
+            "join."
+        )
+        raise ValueError(msg)
+
+
+def _warnings(region, edges, volume):
+    """Tell of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
+    if volume <= _LEAK_FACTOR * edges.volume:
+        return ()
+    spanned = edges.volume / 1000.0
+    low, high = region.threshold
+    return (
+        f"The separated region of {region.volume_ml:.1f} ml is larger than the {spanned:.1f} ml seen from the seeds; "
+        f"it may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {region.erosion:g} mm). "
+        "Look at the contour; if it has, narrow the threshold or increase the erosion.",
+    )
+
+
+def _check_seed_levels(image, seeds, voxels, threshold, *, suggested):
     low, high = threshold
     for seed, voxel in zip(seeds, voxels.tolist()):
         level = float(image.array[tuple(voxel)])
-        if not low <= level <= high:
+        if low <= level <= high:
+            continue
+        if suggested:
+            msg = (
+                f"No threshold could be suggested that holds the seed {_point(seed)}: its grey level is {level:.6g}, "
+                f"the suggestion {low:.6g} to {high:.6g}. The organ may be thin or the seed in a wall; give the "
+                "threshold as its lowest and highest grey level, or move the seed."
+            )
+        else:
             msg = (
                 f"The grey level at the seed {_point(seed)} is {level:.6g}, outside the threshold {low:.6g} "
                 f"to {high:.6g}; move the seed into the organ or widen the threshold."
             )
-            raise ValueError(msg)
+        raise ValueError(msg)
 
 
 def _checked_threshold(threshold):
@@ -356,10 +403,17 @@ def _checked_threshold(threshold):
     return low, high
 
 
-def _checked_radius(name, radius):
+def _checked_radius(name, radius, image):
     radius = float(radius)
     if not (np.isfinite(radius) and radius >= 0):
         msg = f"The {name} is {radius:g} mm; it must be zero or a positive length."
+        raise ValueError(msg)
+    largest = float((image.spacing * image.size).max()) / 2.0
+    if radius > largest:
+        msg = (
+            f"The {name} is {radius:g} mm, more than half of the volume's longest side ({largest:.4g} mm); no organ is "
+            "that thick. Use a few millimetres."
+        )
         raise ValueError(msg)
     return radius
 

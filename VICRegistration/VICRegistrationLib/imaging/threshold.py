@@ -165,14 +165,16 @@ def checked_seeds(image: Image, seeds) -> np.ndarray:
     if not np.isfinite(points).all():
         msg = "A seed has a coordinate that is not finite; give R, A, S in mm."
         raise ValueError(msg)
-    index = image.to_ijk(points)
-    outside = ((index < -0.5) | (index > image.size - 0.5)).any(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        index = image.to_ijk(points)
+    # Not the other way round: a point so far away that its index overflows has no order.
+    outside = ~((index >= -0.5) & (index <= image.size - 0.5)).all(axis=1)
     if outside.any():
         corners = image.to_ras(list(itertools.product(*([-0.5, n - 0.5] for n in image.size))))
         ranges = ", ".join(
             f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in zip("RAS", corners.min(0), corners.max(0))
         )
-        place = ", ".join(f"{value:.1f}" for value in points[outside][0])
+        place = ", ".join(f"{value:.1f}" if abs(value) < 1e6 else f"{value:g}" for value in points[outside][0])
         msg = f"The seed ({place}) mm lies outside the volume ({ranges} mm); place it in the organ (RAS mm)."
         raise ValueError(msg)
     return points
