@@ -100,9 +100,7 @@ def test_greville_abscissae_reproduce_the_parameter(spline):
     x = samples(degree, knots)
     control = bspline.greville_abscissae(degree, knots)
     # Linear precision: the control values at the Greville abscissae give the line itself.
-    np.testing.assert_allclose(
-        bspline.collocation(degree, knots, x) @ control, x, atol=1e-14 * np.ptp(knots) * 10
-    )
+    np.testing.assert_allclose(bspline.collocation(degree, knots, x) @ control, x, atol=1e-14 * np.ptp(knots) * 10)
 
 
 def test_knot_insertion_does_not_change_the_curve(spline):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import sys
 
 import numpy as np
@@ -224,7 +225,7 @@ GOOD = {"organ": "bladder", "seed": [1, 2, 3]}
         (organs({**GOOD, "treshold": [1, 2]}), ["organ 1: the key 'treshold' is unknown", "threshold"]),
         (organs({"organ": "bladder"}), ["organ 1: the key 'seed' is missing"]),
         (organs({"seed": [1, 2, 3]}), ["organ 1: the key 'organ' is missing"]),
-        (organs({**GOOD, "seeds": [[1, 2, 3]]}), ["'seed' is given twice"]),
+        (organs({**GOOD, "seeds": [[1, 2, 3]]}), ["'seeds' is unknown"]),
         (organs({**GOOD, "organ": 5}), ["key 'organ'", "no text"]),
         (organs({**GOOD, "organ": "../x"}), ["key 'organ'", "file name"]),
         (organs({**GOOD, "seed": []}), ["key 'seed'", "a list of points"]),
@@ -324,4 +325,54 @@ def test_a_bug_is_not_hidden(image_path, output, monkeypatch):
     monkeypatch.setattr(fitting, "separate", broken)
     with pytest.raises(ZeroDivisionError):
         cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--quiet"])
+    assert [path.name for path in output.iterdir()] == ["bladder.json"]
+
+
+def test_the_configuration_is_not_replaced_by_a_surface(image_path, tmp_path, capsys):
+    config = tmp_path / "bladder.json"
+    content = json.dumps({"schema": "vic-registration/organs", "version": 1, "organs": [GOOD]})
+    config.write_text(content)
+    assert cli.main(["fit", str(image_path), "--config", str(config), "--output", str(tmp_path), "--no-pictures"]) == 2
+    line = capsys.readouterr().err
+    assert "would replace" in line
+    assert "choose another output folder or name" in line
+    assert config.read_text() == content
+
+
+def test_an_output_without_a_name_is_refused(image_path, refused):
+    assert "--output" in refused("fit", image_path, *ORGAN, "--output", "")
+
+
+def test_an_erosion_beyond_all_measure_is_refused(image_path, output, refused):
+    line = refused("fit", image_path, *ORGAN, "--erosion", "1e308", "--output", output, "--quiet")
+    assert "Use a few millimetres" in line
+
+
+def test_readers_written_in_c_do_not_add_lines(tmp_path, output, capfd):
+    path = tmp_path / "short.mha"
+    sitk.WriteImage(sitk.GetImageFromArray(np.zeros((4, 8, 8), np.int16)), str(path))
+    path.write_bytes(path.read_bytes()[:-100])
+    assert cli.main(["fit", str(path), *ORGAN, "--output", str(output), "--quiet"]) == 2
+    assert len(capfd.readouterr().err.splitlines()) == 1
+
+
+def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path):
+    words = [
+        "fit",
+        str(image_path),
+        "--organ",
+        "$_$ a_b^2",
+        "--seed",
+        SEED,
+        "--output",
+        str(tmp_path / "out"),
+        "--quiet",
+    ]
+    assert cli.main(words) == 0
+    assert (tmp_path / "out" / "$_$ a_b^2.png").is_file()
+
+
+def test_sigterm_leaves_nothing_behind(image_path, output, monkeypatch):
+    monkeypatch.setattr(fitting, "read_image", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
+    assert cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--no-pictures"]) == 143
     assert [path.name for path in output.iterdir()] == ["bladder.json"]

@@ -58,9 +58,7 @@ def test_the_module_lists_every_file_once(name, folder, pattern):
     files = files_below(folder, pattern)
     differences = [f"add to {name}:      {file}" for file in sorted(files - set(listed))]
     differences += [f"remove from {name}: {file}" for file in sorted(set(listed) - files)]
-    differences += [
-        f"listed twice in {name}: {file}" for file in sorted(set(listed)) if listed.count(file) > 1
-    ]
+    differences += [f"listed twice in {name}: {file}" for file in sorted(set(listed)) if listed.count(file) > 1]
     assert not differences, "\n" + "\n".join(differences)
 
 
@@ -104,9 +102,7 @@ def test_the_extension_builds_and_packs_its_module():
 
 
 def test_pictures_named_by_the_extension_exist():
-    urls = re.findall(
-        r"raw\.githubusercontent\.com/[^/]+/[^/]+/main/([^\s\"]+)", (ROOT / "CMakeLists.txt").read_text()
-    )
+    urls = re.findall(r"raw\.githubusercontent\.com/[^/]+/[^/]+/main/([^\s\"]+)", (ROOT / "CMakeLists.txt").read_text())
     assert urls
     assert [url for url in urls if not (ROOT / url).is_file()] == []
 

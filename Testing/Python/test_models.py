@@ -64,9 +64,7 @@ def test_models_of_every_degree_are_closed_and_outward(degrees, closure):
 
 
 def test_larger_nets_come_closer_to_the_sphere():
-    errors = [
-        np.abs(radii(models.closed_organ(net)) - 1.0).max() for net in ((6, 5), (9, 7), (17, 13), (33, 25))
-    ]
+    errors = [np.abs(radii(models.closed_organ(net)) - 1.0).max() for net in ((6, 5), (9, 7), (17, 13), (33, 25))]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 0.005
 

@@ -61,9 +61,7 @@ def test_the_map_is_linear(parametrization):
     start = parametrization.surface.control_net
     one, two = random_q(parametrization, seed=1), random_q(parametrization, seed=2)
     together = parametrization.control_net(2.0 * one - 3.0 * two) - start
-    apart = 2.0 * (parametrization.control_net(one) - start) - 3.0 * (
-        parametrization.control_net(two) - start
-    )
+    apart = 2.0 * (parametrization.control_net(one) - start) - 3.0 * (parametrization.control_net(two) - start)
     np.testing.assert_allclose(together, apart, atol=1e-13 * np.abs(together).max() * 10)
 
 
@@ -75,9 +73,7 @@ def test_fit_recovers_the_degrees_of_freedom_of_a_net_it_can_reach(parametrizati
 
 def test_fit_of_another_net_leaves_a_residual_that_no_degree_of_freedom_could_reduce(parametrization):
     generator = np.random.default_rng(4)
-    target = parametrization.surface.control_net + generator.normal(
-        size=parametrization.surface.control_net.shape
-    )
+    target = parametrization.surface.control_net + generator.normal(size=parametrization.surface.control_net.shape)
     q = parametrization.fit(target)
     residual = (target - parametrization.control_net(q)).reshape(-1, 3)
     gradient = np.zeros(parametrization.n_dof)
@@ -162,18 +158,14 @@ def test_the_presets_hold_what_their_names_say():
 
 @pytest.mark.parametrize("free", ["R33", "rotation", ("R00", "R00"), (), ("T0", "x")])
 def test_unknown_repeated_or_no_names_are_refused(free):
-    with pytest.raises(
-        ValueError, match="were asked for; give different names out of R00, R01, .* or one of scaling"
-    ):
+    with pytest.raises(ValueError, match="were asked for; give different names out of R00, R01, .* or one of scaling"):
         affine(organ_of("smooth"), free=free)
 
 
 # ------------------------------------------------------------------ closed organ
 
 
-@pytest.mark.parametrize(
-    ("net", "degrees"), [((9, 7), (3, 3)), ((7, 5), (2, 3)), ((13, 9), (5, 4)), ((8, 6), (3, 1))]
-)
+@pytest.mark.parametrize(("net", "degrees"), [((9, 7), (3, 3)), ((7, 5), (2, 3)), ((13, 9), (5, 4)), ((8, 6), (3, 1))])
 def test_seam_and_poles_stay_closed_to_the_last_bit(closure, net, degrees):
     parametrization = closed_organ(organ_of(closure, net, degrees), closure=closure)
     surface = parametrization.deform(random_q(parametrization, scale=20.0))
@@ -270,17 +262,13 @@ def test_too_few_columns_are_refused():
     pole = np.zeros_like(ring)
     net = np.stack([pole - [0, 0, 1], ring, pole + [0, 0, 1]], axis=1)
     surface = BSplineSurface((3, 2), knots_u, bspline.uniform_clamped_knots(2, 3), net)
-    with pytest.raises(
-        ValueError, match="3 columns of control points were given; a closed organ needs at least 4"
-    ):
+    with pytest.raises(ValueError, match="3 columns of control points were given; a closed organ needs at least 4"):
         closed_organ(surface)
 
 
 def test_the_smooth_closure_needs_clamped_simple_knots():
     doubled = organ_of("smooth").insert_knots(u=[0.5])
-    with pytest.raises(
-        ValueError, match="knots in u are not clamped or not simple; the smooth closure needs"
-    ):
+    with pytest.raises(ValueError, match="knots in u are not clamped or not simple; the smooth closure needs"):
         closed_organ(doubled)
 
 
@@ -288,9 +276,7 @@ def test_the_smooth_closure_needs_flat_rings_at_the_poles():
     organ = organ_of("smooth")
     net = organ.control_net.copy()
     net[3, 1] += [0.0, 0.0, 4.0]
-    with pytest.raises(
-        ValueError, match="next to a pole do not lie in one plane through it; start from a generic"
-    ):
+    with pytest.raises(ValueError, match="next to a pole do not lie in one plane through it; start from a generic"):
         closed_organ(organ.with_control_net(net))
 
 
@@ -300,7 +286,5 @@ def test_the_papers_closure_needs_four_rows():
     pole = np.zeros((3, 3))
     net = np.stack([pole - [0, 0, 1], ring, ring + [0, 1, 0], pole + [0, 0, 1]], axis=1)
     surface = BSplineSurface((1, 1), knots, bspline.uniform_clamped_knots(1, 4), net)
-    with pytest.raises(
-        ValueError, match="3 rows of control points were given; the closure of the paper needs"
-    ):
+    with pytest.raises(ValueError, match="3 rows of control points were given; the closure of the paper needs"):
         closed_organ(surface, closure="paper")

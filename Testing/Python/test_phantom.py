@@ -101,9 +101,7 @@ class TestVolumeFractions:
         expected = np.zeros((10, 11, 12))
         expected[4:7, 3:8, 2:6] = 1
         for supersampling in [(1, 1, 1), (4, 3, 2), (8, 3, 3)]:
-            fractions = volume_fractions(
-                points, triangles, expected.shape, np.eye(4), supersampling=supersampling
-            )
+            fractions = volume_fractions(points, triangles, expected.shape, np.eye(4), supersampling=supersampling)
             np.testing.assert_array_equal(fractions, expected)
 
     def test_a_face_inside_voxels_gives_the_part_that_is_covered(self):
@@ -259,8 +257,7 @@ class TestSmoothRandomField:
 
     def test_the_same_seed_gives_the_same_field(self):
         first, again, other = (
-            smooth_random_field((4, 30, 40), (1.0, 1.0, 4.0), correlation_mm=6.0, seed=seed)
-            for seed in (1, 1, 2)
+            smooth_random_field((4, 30, 40), (1.0, 1.0, 4.0), correlation_mm=6.0, seed=seed) for seed in (1, 1, 2)
         )
         np.testing.assert_array_equal(first, again)
         assert np.abs(first - other).max() > 0.5

@@ -162,9 +162,7 @@ def test_no_points_give_no_feet():
     assert result.distances.shape == (0,)
 
 
-@pytest.mark.parametrize(
-    "points", [np.zeros(3), np.zeros((4, 2)), [[0.0, np.nan, 0.0]], [[np.inf, 0.0, 0.0]]]
-)
+@pytest.mark.parametrize("points", [np.zeros(3), np.zeros((4, 2)), [[0.0, np.nan, 0.0]], [[np.inf, 0.0, 0.0]]])
 def test_points_that_are_not_places_are_refused(points):
     with pytest.raises(ValueError, match=r"\(n, 3\) finite RAS coordinates in mm are needed"):
         closest_points(SURFACES["9x7"], points)

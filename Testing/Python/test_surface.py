@@ -43,9 +43,7 @@ def prism(corners, heights):
     middle = ring.mean(axis=0)
     poles = [np.tile([*middle, height], (len(ring), 1)) for height in heights]
     net = np.stack([poles[0], bottom, top, poles[1]], axis=1)
-    return BSplineSurface(
-        (1, 1), bspline.uniform_clamped_knots(1, len(ring)), bspline.uniform_clamped_knots(1, 4), net
-    )
+    return BSplineSurface((1, 1), bspline.uniform_clamped_knots(1, len(ring)), bspline.uniform_clamped_knots(1, 4), net)
 
 
 @pytest.fixture
@@ -62,8 +60,7 @@ def test_points_and_derivatives_are_the_tensor_product(patch, du, dv):
     u, v = random_parameters(patch)
     along_u = interpolate.BSpline(patch.knots_u.copy(), patch.control_net.copy(), patch.degrees[0])(u, nu=du)
     expected = [
-        interpolate.BSpline(patch.knots_v.copy(), row, patch.degrees[1])(y, nu=dv)
-        for row, y in zip(along_u, v)
+        interpolate.BSpline(patch.knots_v.copy(), row, patch.degrees[1])(y, nu=dv) for row, y in zip(along_u, v)
     ]
     # Second derivatives over spans of 0.2 are about 100 times the coordinates.
     np.testing.assert_allclose(patch.points(u, v, du=du, dv=dv), expected, atol=1e-11)
@@ -138,9 +135,7 @@ def test_the_normal_at_a_pole_is_the_limit_of_the_normals_around_it(organ, end):
 
 def test_normals_of_a_flat_patch_do_not_depend_on_the_place():
     net = np.stack([*np.meshgrid(np.arange(4.0), np.arange(5.0), indexing="ij"), np.zeros((4, 5))], axis=-1)
-    flat = BSplineSurface(
-        (2, 3), bspline.uniform_clamped_knots(2, 4), bspline.uniform_clamped_knots(3, 5), net
-    )
+    flat = BSplineSurface((2, 3), bspline.uniform_clamped_knots(2, 4), bspline.uniform_clamped_knots(3, 5), net)
     u, v = random_parameters(flat)
     np.testing.assert_allclose(flat.normals(u, v), np.tile([0.0, 0.0, 1.0], (200, 1)), atol=1e-14)
 
@@ -279,9 +274,7 @@ def test_an_open_surface_has_no_volume():
 
 
 def test_a_net_that_does_not_fit_its_knots_is_refused():
-    with pytest.raises(
-        ValueError, match=r"shape \(2, 3, 3\) was given; the degrees and knots need \(2, 2, 3\)"
-    ):
+    with pytest.raises(ValueError, match=r"shape \(2, 3, 3\) was given; the degrees and knots need \(2, 2, 3\)"):
         BSplineSurface((1, 1), [0, 0, 1, 1], [0, 0, 1, 1], np.zeros((2, 3, 3)))
 
 

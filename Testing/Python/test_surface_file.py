@@ -168,9 +168,7 @@ def test_texts_that_are_none_are_refused(path, key):
 
 def test_a_ragged_control_net_is_refused(path):
     net = json.loads(path.read_text(encoding="utf-8"))["control_net"]
-    assert "is ragged; give rows of equal length" in refusal(
-        changed(path, control_net=[net[0][:-1], *net[1:]])
-    )
+    assert "is ragged; give rows of equal length" in refusal(changed(path, control_net=[net[0][:-1], *net[1:]]))
     net[2][3] = net[2][3][:2]
     assert "three coordinates per point" in refusal(changed(path, control_net=net))
 

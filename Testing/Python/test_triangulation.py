@@ -12,9 +12,7 @@ from VICRegistrationLib.geometry.triangulation import resolution_for_chord_error
 
 @pytest.fixture(params=["smooth", "paper"])
 def organ(request):
-    surface = models.closed_organ(
-        closure=request.param, axes=np.diag([25.0, 18.0, 32.0]), center=(5.0, 60.0, -9.0)
-    )
+    surface = models.closed_organ(closure=request.param, axes=np.diag([25.0, 18.0, 32.0]), center=(5.0, 60.0, -9.0))
     parametrization = closed_organ(surface, closure=request.param)
     return parametrization.deform(np.random.default_rng(1).normal(scale=1.0, size=parametrization.n_dof))
 

@@ -33,9 +33,7 @@ def kinds(surface, **options):
 def single(surface, **options):
     """The only problem of a surface; its place and its parameters agree."""
     (problem,) = check_surface(surface, **options)
-    np.testing.assert_allclose(
-        surface.points(*np.transpose([problem.parameters]))[0], problem.point, atol=1e-9
-    )
+    np.testing.assert_allclose(surface.points(*np.transpose([problem.parameters]))[0], problem.point, atol=1e-9)
     return problem
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 # Hidden, so that nobody takes what a killed process left behind for a result.
@@ -48,7 +48,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: str | os.PathLike) -> Iterator[Path]:
+def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ()) -> Iterator[Path]:
     """Write several files into a draft folder and put all of them in their place at the end.
 
     Parameters
@@ -56,6 +56,8 @@ def replacing_folder(folder: str | os.PathLike) -> Iterator[Path]:
     folder : path
         Folder for the files. It is made if there is none; if there is one, its other files stay, and files of the same
         name are replaced.
+    outdated : sequence of str
+        Names of its files that are removed when the new ones are put in their place.
 
     Yields
     ------
@@ -85,7 +87,7 @@ def replacing_folder(folder: str | os.PathLike) -> Iterator[Path]:
             msg = str(error).replace(str(drafts), str(folder))
             raise OSError(msg) from error
         try:
-            _move_in(drafts, folder, backups)
+            _move_in(drafts, folder, backups, outdated)
         except OSError as error:
             msg = (
                 f"The files cannot be put into {folder} ({reason(error)}); check that it may be written to and holds "
@@ -111,8 +113,8 @@ def _nearest_folder(folder: Path) -> Path:
     return existing
 
 
-def _move_in(drafts: Path, folder: Path, backups: Path) -> None:
-    """Move the files of a draft folder into a folder; if one cannot be moved, undo the others."""
+def _move_in(drafts: Path, folder: Path, backups: Path, outdated: Sequence[str]) -> None:
+    """Move the files of a draft folder into a folder and others out; if one cannot be moved, undo the others."""
     made = _missing_folders(drafts, folder)
     undo = []
     try:
@@ -121,20 +123,28 @@ def _move_in(drafts: Path, folder: Path, backups: Path) -> None:
             undo.append((new.rmdir,))
         for draft in sorted(path for path in drafts.rglob("*") if path.is_file()):
             name = draft.relative_to(drafts)
-            target, backup = folder / name, backups / name
+            target = folder / name
             if target.is_dir():
                 msg = f"{name} is a folder there"
                 raise IsADirectoryError(msg)
             if target.exists():
-                backup.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(target, backup)
-                undo.append((os.replace, backup, target))
+                undo.append(_moved_out(target, backups / name))
             os.replace(draft, target)
             undo.append((target.unlink,))
+        for name in outdated:
+            if (folder / name).is_file() and not (drafts / name).exists():
+                undo.append(_moved_out(folder / name, backups / name))
     except BaseException:
         for call, *arguments in reversed(undo):
             call(*arguments)
         raise
+
+
+def _moved_out(target: Path, backup: Path) -> tuple:
+    """Move a file to its backup; returns the call that brings it back."""
+    backup.parent.mkdir(parents=True, exist_ok=True)
+    os.replace(target, backup)
+    return os.replace, backup, target
 
 
 def _missing_folders(drafts: Path, folder: Path) -> list[Path]:

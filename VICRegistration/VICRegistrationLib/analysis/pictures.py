@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ _TRUTH_COLOUR = "#49d6ff"
 _REGION_COLOUR = "#ffffff"
 _OUTSIDE_COLOUR = "#1b1f27"
 _TEXT_COLOUR = "#2b2f36"
+_ALARM_COLOUR = "#c4161c"
 _STAGE_COLOURS = ("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6")
 # Seen from the patient's left, from the front and from above: organs of the pelvis do not hide one another.
 _VIEWER = (-0.80, 0.52, 0.30)
@@ -78,7 +80,13 @@ def organ_colours(names: Sequence[str]) -> dict[str, str]:
 
 
 def organ_picture(
-    path: str | os.PathLike, image: Image, fit: OrganFit, name: str, *, truth: BSplineSurface | None = None
+    path: str | os.PathLike,
+    image: Image,
+    fit: OrganFit,
+    name: str,
+    *,
+    truth: BSplineSurface | None = None,
+    n_warnings: int = 0,
 ) -> None:
     """Draw three slices with the contour, a 3D view and the convergence of one organ.
 
@@ -93,6 +101,8 @@ def organ_picture(
         Name of the organ.
     truth : BSplineSurface, optional
         Its contour is drawn too, and the deviation from it told.
+    n_warnings : int
+        How many warnings the report holds about the organ; told in the header.
 
     Raises
     ------
@@ -106,9 +116,8 @@ def organ_picture(
     contours = list(surfaces)
     if truth is not None:
         contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "truth", dashed=True))
-    figure = _figure(name, _summary(fit, truth))
-    center, half_width = _framing([contours[0].mesh])
-    _draw_slices(figure, image, center, half_width, contours, region=fit.region.image)
+    figure = _figure(name, _summary(fit, truth), alarm=alarm(fit, n_warnings=n_warnings))
+    _draw_slices(figure, image, surfaces, contours, region=fit.region.image)
     _draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, _VIEWER)
     _draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
     _save(figure, path)
@@ -153,40 +162,67 @@ def overview_picture(
         contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "" if number else "truth", dashed=True))
     volumes = ", ".join(f"{name} {fit.surface.volume() / 1000.0:.1f} ml" for name, fit in fits.items())
     figure = _figure("Fitted organs", [volumes])
-    center, half_width = _framing([shown.mesh for shown in surfaces])
-    _draw_slices(figure, image, center, half_width, contours)
+    _draw_slices(figure, image, surfaces, contours)
     for number, viewer in enumerate((_VIEWER, _FRONT_VIEWER)):
         _draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
     _save(figure, path)
 
 
-def _figure(title: str, lines: Sequence[str]):
+def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
     require_matplotlib()
     # Without pyplot: no window system and no global state, also inside another program.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.0, 9.6), dpi=_DPI, facecolor="white")
-    figure.text(0.02, 0.972, title, size=19, weight="bold", color=_TEXT_COLOUR, va="top")
-    figure.text(0.02, 0.937, "\n".join(lines), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    figure.text(0.02, 0.972, _literal(title), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.02, 0.937, _literal("\n".join(lines)), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    figure.text(0.98, 0.968, alarm, size=13, weight="bold", color=_ALARM_COLOUR, va="top", ha="right")
     return figure
+
+
+def _literal(text: str) -> str:
+    """Text in which a dollar sign is a dollar sign and not the begin of a formula."""
+    return text.replace("$", r"\$")
 
 
 def _save(figure, path: str | os.PathLike) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
-    with replacing(path) as draft:
+    with replacing(path) as draft, warnings.catch_warnings():
+        # Letters that the font does not have are drawn as boxes; the title is not worth more words.
+        warnings.simplefilter("ignore", UserWarning)
         figure.savefig(draft, format="png")
+
+
+def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:
+    """Tell in a few words what to look at before trusting a surface.
+
+    Parameters
+    ----------
+    fit : OrganFit
+    n_warnings : int
+        How many warnings the report holds.
+
+    Returns
+    -------
+    str
+        Empty if nothing is known to be wrong.
+    """
+    parts = [] if fit.converged else ["not converged"]
+    parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
+    parts += ["reaches the border of the image"] if fit.region.touches_border else []
+    parts += [f"{n_warnings} warning{'s' if n_warnings > 1 else ''} in the report"] if n_warnings else []
+    return "   ·   ".join(parts)
 
 
 def _summary(fit: OrganFit, truth: BSplineSurface | None) -> list[str]:
     """Tell the result in one line or two."""
-    end = "converged" if fit.converged else "not converged"
     parts = [
         f"volume {fit.surface.volume() / 1000.0:.1f} ml (separated {fit.region.volume_ml:.1f} ml)",
         f"area {fit.surface.area() / 100.0:.1f} cm²",
         f"net {fit.options.net[0]}x{fit.options.net[1]} {fit.options.closure}",
-        f"{fit.iterations} iterations, {end}",
+        f"{fit.iterations} iterations" + (", converged" if fit.converged else ""),
         f"{fit.seconds:.2f} s",
     ]
     lines = ["   ·   ".join(parts)]
@@ -204,18 +240,41 @@ def _fine_mesh(surface: BSplineSurface) -> TriangleMesh:
     return triangulate(surface, resolution=(128, 80))
 
 
-def _framing(meshes: Sequence[TriangleMesh]) -> tuple[np.ndarray, float]:
-    """Centre and half width (mm) of a cube around meshes, with a margin."""
-    low = np.min([mesh.points.min(axis=0) for mesh in meshes], axis=0)
-    high = np.max([mesh.points.max(axis=0) for mesh in meshes], axis=0)
+def _framing(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    """Centre and half width (mm) of a cube around boxes (n, 3), with a margin."""
+    low, high = low.min(axis=0), high.max(axis=0)
     return (low + high) / 2.0, float((high - low).max()) / 2.0 + _MARGIN_MM
 
 
-def _draw_slices(figure, image: Image, center, half_width, contours: Sequence[_Shown], *, region=None) -> None:
-    """Draw axial, coronal and sagittal slices side by side, on one scale of mm and of grey."""
-    sampler = Sampler(surrounding_crop(image, center, half_width))
+def _views(low: np.ndarray, high: np.ndarray) -> list[View]:
+    """Squares around boxes (n, 3), in the planes nearest to the middle that cut the most of them."""
+    center, half_width = _framing(low, high)
+    views = []
+    for orientation in ORIENTATIONS:
+        normal = np.abs(np.cross(orientation.right, orientation.up)).argmax()
+        place = center.copy()
+        place[normal] = _cutting_most(low[:, normal], high[:, normal], center[normal])
+        views.append(View(orientation, place, half_width))
+    return views
+
+
+def _cutting_most(low: np.ndarray, high: np.ndarray, middle: float) -> float:
+    """Place in the most of several intervals (n,), the one nearest to the middle of all of them."""
+    ends = np.sort(np.concatenate([low, high]))
+    places = np.array([middle, *((ends[1:] + ends[:-1]) / 2.0)])
+    counts = ((low < places[:, None]) & (places[:, None] < high)).sum(axis=1)
+    return float(min(places[counts == counts.max()], key=lambda place: abs(place - middle)))
+
+
+def _draw_slices(
+    figure, image: Image, framed: Sequence[_Shown], contours: Sequence[_Shown], *, region: Image | None = None
+) -> None:
+    """Draw axial, coronal and sagittal slices of some surfaces side by side, on one scale of mm and of grey."""
+    low = np.array([shown.mesh.points.min(axis=0) for shown in framed])
+    high = np.array([shown.mesh.points.max(axis=0) for shown in framed])
+    views = _views(low, high)
+    sampler = Sampler(surrounding_crop(image, *_framing(low, high)))
     region_sampler = None if region is None else Sampler(region)
-    views = [View(orientation, center, half_width) for orientation in ORIENTATIONS]
     slices = [slice_of(sampler, view) for view in views]
     known = np.concatenate([grey.compressed() for grey in slices])
     window = np.percentile(known, (1.0, 99.5)) if len(known) else (0.0, 1.0)
@@ -293,14 +352,17 @@ def _draw_legend(axes, contours: Sequence[_Shown], *, with_region: bool) -> None
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color=shown.colour, lw=1.8, ls="--" if shown.dashed else "-", label=shown.label)
+        Line2D([], [], color=shown.colour, lw=1.8, ls="--" if shown.dashed else "-")
         for shown in contours
         if shown.label
     ]
+    labels = [shown.label for shown in contours if shown.label]
     if with_region:
-        handles.append(Line2D([], [], color=_REGION_COLOUR, lw=1.0, ls=":", label="separated region"))
-    axes.legend(
+        handles.append(Line2D([], [], color=_REGION_COLOUR, lw=1.0, ls=":"))
+        labels.append("separated region")
+    legend = axes.legend(
         handles=handles,
+        labels=["-"] * len(labels),
         loc="lower left",
         fontsize=8.5,
         labelcolor="white",
@@ -308,6 +370,9 @@ def _draw_legend(axes, contours: Sequence[_Shown], *, with_region: bool) -> None
         edgecolor="none",
         borderpad=0.5,
     )
+    # Set only now: matplotlib leaves labels out that begin with an underscore.
+    for text, label in zip(legend.get_texts(), labels):
+        text.set_text(_literal(label))
 
 
 def _draw_scene(axes, surfaces: Sequence[_Shown], viewer: Sequence[float]) -> None:

@@ -6,8 +6,9 @@ import sys
 from collections.abc import Sequence
 
 from .arguments import PROGRAM, parsed_arguments
+from .process import Terminated, terminable
 
-USAGE_ERROR, INTERRUPTED = 2, 130
+USAGE_ERROR, INTERRUPTED, TERMINATED = 2, 130, 143
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         0; or 2 after one line on stderr that says what is wrong and what to do, with nothing half written; or 130
-        after Ctrl-C.
+        after Ctrl-C and 143 after SIGTERM, with nothing written.
 
     Raises
     ------
@@ -31,9 +32,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
     try:
-        options.run(options)
+        with terminable():
+            options.run(options)
     except KeyboardInterrupt:
         return _ended(f"{PROGRAM}: interrupted; nothing was written", INTERRUPTED)
+    except Terminated:
+        return _ended(f"{PROGRAM}: terminated; nothing was written", TERMINATED)
+    except OverflowError as error:
+        return _ended(
+            f"{PROGRAM}: error: A number is too large to be worked with ({error}); check the options.", USAGE_ERROR
+        )
     except MemoryError:
         return _ended(
             f"{PROGRAM}: error: There is not enough memory; crop the image or use a smaller net.", USAGE_ERROR

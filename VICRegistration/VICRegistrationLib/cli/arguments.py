@@ -12,8 +12,9 @@ from ..registration.solvers import SOLVERS
 from . import commands, values
 
 PROGRAM = "vic-registration"
-# Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number.
-_NUMBER_LISTS = ("--seed", "--threshold")
+# Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
+# that must not are to be refused with their own sentence.
+_NUMERIC = ("--seed", "--threshold", "--erosion", "--net", "--tau")
 
 _EPILOG = """\
 examples:
@@ -23,7 +24,8 @@ examples:
   vic-registration fit dicom_folder --organ rectum --seed 0,-31,2 --net 11x9 --output rectum --quiet
   vic-registration reproduce build/reproduce
 
-Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C.
+Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C
+and 143 after SIGTERM (nothing is written).
 """
 
 _FIT_EPILOG = """\
@@ -35,8 +37,8 @@ DIR gets, for every organ NAME:
   NAME.json             the B-spline surface (RAS mm)
   NAME_convergence.csv  cost and largest displacement of every iteration
   NAME.png              slices in three planes with the contour, 3D view, convergence
-and report.json; with several organs overview.png too. Files of these names are replaced when all organs are done, other
-files stay.
+and report.json; with several organs overview.png too. Files of these names are replaced when all organs are done, and
+older pictures of the same organs removed if none are drawn now; other files stay.
 
 Several organs are described in a JSON file. Its keys are the words of the flags:
   {"schema": "vic-registration/organs", "version": 1,
@@ -93,11 +95,21 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     phantom = _add_command(
         subparsers, "phantom", "write a synthetic pelvic MRI with its true surfaces", commands.phantom
     )
-    phantom.add_argument("folder", metavar="DIR", help="folder for mri.nii.gz, organs.json and truth/NAME.json")
+    phantom.add_argument(
+        "folder",
+        metavar="DIR",
+        type=_type(values.folder),
+        help="folder for mri.nii.gz, organs.json and truth/NAME.json",
+    )
     reproduce = _add_command(
         subparsers, "reproduce", "repeat the paper's section 2.3 and figures 5 and 6", commands.reproduce
     )
-    reproduce.add_argument("folder", metavar="DIR", help="folder for a table and plots beside the paper's values")
+    reproduce.add_argument(
+        "folder",
+        metavar="DIR",
+        type=_type(values.folder),
+        help="folder for a table and plots beside the paper's values",
+    )
     return parser.parse_args(_joined(arguments))
 
 
@@ -152,7 +164,13 @@ def _add_fit(subparsers) -> None:
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
     what = fit.add_argument_group("what comes out")
-    what.add_argument("--output", metavar="DIR", default="organs", help="folder for the results (default: organs)")
+    what.add_argument(
+        "--output",
+        metavar="DIR",
+        type=_type(values.folder),
+        default="organs",
+        help="folder for the results (default: organs)",
+    )
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -173,7 +191,7 @@ def _joined(arguments: Sequence[str]) -> list[str]:
     """Write ``--seed -3,10,5`` as ``--seed=-3,10,5``."""
     joined: list[str] = []
     for word in arguments:
-        if joined and joined[-1] in _NUMBER_LISTS and re.match(r"-[\d.]", word):
+        if joined and joined[-1] in _NUMERIC and re.match(r"-(?:[\d.,]|inf|nan)", word, re.IGNORECASE):
             joined[-1] += f"={word}"
         else:
             joined.append(word)

@@ -28,6 +28,7 @@ def fit(options: argparse.Namespace) -> None:
         _requests(options),
         options.output,
         series=options.series,
+        inputs=() if options.config is None else (options.config,),
         pictures=not options.no_pictures,
         say=_speaker(options.quiet),
     )
@@ -65,11 +66,11 @@ def reproduce(options: argparse.Namespace) -> None:
         With a sentence for the user.
     """
     from ..analysis.pictures import require_matplotlib
-    from ..reproduction import reproduce as run
+    from ..reproduction.report import reproduce as run
 
     require_matplotlib()
     with replacing_folder(options.folder) as drafts:
-        run(drafts)
+        run(drafts, say=_speaker(False))
     _speaker(False)(f"table and plots written to {options.folder}")
 
 

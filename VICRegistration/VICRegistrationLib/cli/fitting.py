@@ -16,7 +16,8 @@ from ..imaging.reading import read_image
 from ..imaging.separation import separate
 from ..registration.organ import OrganFit, finish, fit_region
 from ..registration.stages import Step
-from .outputs import OVERVIEW, warnings_about, write_organ, write_report
+from .outputs import OVERVIEW, REPORT, organ_files, warnings_about, write_organ, write_report
+from .process import silenced_stderr
 from .requests import OrganRequest
 
 
@@ -51,6 +52,7 @@ def fit_to_folder(
     series: str | None = None,
     pictures: bool = True,
     truths: Mapping[str, BSplineSurface] | None = None,
+    inputs: Sequence[str | os.PathLike] = (),
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[FittedOrgan, ...]:
     """Fit organs and write their files and the report: all of them, or nothing.
@@ -68,6 +70,8 @@ def fit_to_folder(
         Whether to draw pictures, which needs matplotlib.
     truths : mapping of str to BSplineSurface, optional
         True surfaces for the pictures, by the organs' names.
+    inputs : sequence of path
+        Files besides the image that must not be replaced, such as the configuration.
     say : callable
         Gets a line of progress after every stage.
 
@@ -78,7 +82,7 @@ def fit_to_folder(
     Raises
     ------
     ValueError
-        If the image or a request cannot be used.
+        If the image or a request cannot be used, or a result would replace the image or one of the inputs.
     OSError
         If a file cannot be read or written.
     RuntimeError
@@ -87,17 +91,27 @@ def fit_to_folder(
     if pictures:
         require_matplotlib()
     truths = truths or {}
-    with replacing_folder(folder) as drafts:
+    _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures)
+    with replacing_folder(folder, outdated=_outdated(requests, Path(folder), pictures=pictures)) as drafts:
         start = time.perf_counter()
-        image = read_image(image_path, series=series)
+        with silenced_stderr():
+            image = read_image(image_path, series=series)
         seconds_load = time.perf_counter() - start
         say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
         organs = tuple(_fitted(image, request, say) for request in requests)
         for organ in organs:
             write_organ(organ, drafts)
+            warnings = warnings_about(organ, image)
             if pictures:
-                organ_picture(drafts / f"{organ.name}.png", image, organ.fit, organ.name, truth=truths.get(organ.name))
-            for warning in warnings_about(organ, image):
+                organ_picture(
+                    drafts / f"{organ.name}.png",
+                    image,
+                    organ.fit,
+                    organ.name,
+                    truth=truths.get(organ.name),
+                    n_warnings=len(warnings),
+                )
+            for warning in warnings:
                 say(f"{organ.name}: warning: {warning}")
         if pictures and len(organs) > 1:
             fits = {organ.name: organ.fit for organ in organs}
@@ -105,6 +119,24 @@ def fit_to_folder(
         write_report(drafts, organs, image, image_path=str(image_path), seconds_load=seconds_load, pictures=pictures)
     say(f"written to {Path(folder)}: {', '.join(organ.name for organ in organs)}")
     return organs
+
+
+def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> None:
+    """Refuse to replace what is read."""
+    names = [name for request in requests for name in organ_files(request.name, pictures=pictures)]
+    for target in (folder / name for name in [*names, REPORT, *([OVERVIEW] if pictures and len(requests) > 1 else [])]):
+        for path in inputs:
+            if target.exists() and os.path.exists(path) and os.path.samefile(target, path):
+                msg = f"The result {target} would replace {path}, which is read; choose another output folder or name."
+                raise ValueError(msg)
+
+
+def _outdated(requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> list[str]:
+    """Pictures of an earlier fit in the folder that would not show the new surfaces."""
+    if not (folder / REPORT).is_file():
+        return []
+    overview = [] if pictures and len(requests) > 1 else [OVERVIEW]
+    return overview if pictures else [*overview, *(f"{request.name}.png" for request in requests)]
 
 
 def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> FittedOrgan:

@@ -18,6 +18,7 @@ from ..files import replacing
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
+from ..registration.organ import OrganFit
 from ..registration.stages import Step
 
 if TYPE_CHECKING:
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
 
 REPORT, OVERVIEW = "report.json", "overview.png"
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
+# Mean squared difference between the image and an edge, over the squared contrast.
+_POOR_COST = 0.5
+# Between the separated region and the surface; voxels at the surface alone make a few per cent.
+_LARGEST_CHANGE = 0.2
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:
@@ -113,7 +118,11 @@ def write_report(
         "unit": "mm",
         "seconds_load": seconds_load,
         "organs": {
-            organ.name: {**_entry(organ, image), "seconds_load": seconds_load, "files": _files(organ.name, pictures)}
+            organ.name: {
+                **_entry(organ, image),
+                "seconds_load": seconds_load,
+                "files": organ_files(organ.name, pictures=pictures),
+            }
             for organ in organs
         },
     }
@@ -137,18 +146,44 @@ def warnings_about(organ: FittedOrgan, image: Image) -> list[str]:
         Empty if nothing is known to be wrong.
     """
     fit = organ.fit
-    sentences = [problem.message for problem in fit.problems]
+    # The library's own remedies are for programmers.
+    sentences = [
+        f"{problem.message.partition('; ')[0]}; look at the contour, and try a smaller net or another seed, threshold "
+        "or erosion."
+        for problem in fit.problems
+    ]
     if not fit.converged:
         last = fit.history[-1]
+        why = (
+            "because no further step lowered the cost"
+            if _stopped_by(fit) == "no better point"
+            else f"while the surface still moved by {last.displacement:.2g} mm"
+        )
         sentences.append(
-            f"The fit stopped after {last.iteration} iterations of its last stage, while the surface still moved by "
-            f"{last.displacement:.2g} mm; look at the contour."
+            f"The fit stopped after {last.iteration} iterations of its last stage, {why}; look at the contour."
         )
     if fit.region.touches_border:
         sides = ", ".join(dict.fromkeys(_side(image, face) for face in fit.region.touches_border))
         sentences.append(
             f"The organ reaches the border of the image ({sides}) and may go on outside of it; there the surface "
             "is not that of the organ."
+        )
+    return [*sentences, *fit.region.warnings, *_warnings_about_fit(fit)]
+
+
+def _warnings_about_fit(fit: OrganFit) -> list[str]:
+    """Sentences about a surface that may be valid and yet not that of an organ."""
+    sentences = []
+    if fit.cost_final >= _POOR_COST:
+        sentences.append(
+            "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of "
+            f"the contrast (cost {fit.cost_final:.2g}); look at the contour, and give another seed or threshold."
+        )
+    volume, separated = fit.surface.volume() / 1000.0, float(fit.region.volume_ml)
+    if abs(volume - separated) > _LARGEST_CHANGE * separated:
+        sentences.append(
+            f"The surface holds {volume:.1f} ml, but the separated region {separated:.1f} ml; look at the contour, and "
+            "give another threshold or erosion if the region is wrong, or a larger net if the surface is."
         )
     return sentences
 
@@ -163,6 +198,7 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "separated_volume_ml": float(fit.region.volume_ml),
         "iterations": fit.iterations,
         "converged": bool(fit.converged),
+        "stopped_by": _stopped_by(fit),
         "cost_initial": float(fit.cost_initial),
         "cost_final": float(fit.cost_final),
         "seconds": organ.seconds,
@@ -178,7 +214,23 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
     }
 
 
-def _files(name: str, pictures: bool) -> list[str]:
+def _stopped_by(fit: OrganFit) -> str:
+    return fit.history[-1].stopped_by
+
+
+def organ_files(name: str, *, pictures: bool) -> list[str]:
+    """Names of the files of one organ.
+
+    Parameters
+    ----------
+    name : str
+    pictures : bool
+        Whether pictures are drawn.
+
+    Returns
+    -------
+    list of str
+    """
     endings = [".vtp", ".stl", ".json", "_convergence.csv", *([".png"] if pictures else [])]
     return [name + ending for ending in endings]
 

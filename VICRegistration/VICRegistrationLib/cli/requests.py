@@ -14,7 +14,7 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
     }
 
 Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``net``, ``closure``,
-``solver`` and ``tau`` are optional. ``name`` and ``seeds`` are understood as ``organ`` and ``seed``.
+``solver`` and ``tau`` are optional.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ OPTIONS = {
     "tau": values.tau,
 }
 _CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS}
-_SYNONYMS = {"name": "organ", "seeds": "seed"}
 
 
 @dataclass(frozen=True)
@@ -125,8 +124,8 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
         _request(entry, f"{path}, organ {number}", defaults or {})
         for number, entry in enumerate(_entries(content, path), start=1)
     )
-    names = [request.name.casefold() for request in requests]
-    twice = sorted({request.name for request in requests if names.count(request.name.casefold()) > 1})
+    names = [values.file_key(request.name) for request in requests]
+    twice = sorted({request.name for request in requests if names.count(values.file_key(request.name)) > 1})
     if twice:
         msg = (
             f"The configuration {path} holds {', '.join(twice)} twice (upper and lower case are one file); rename one."
@@ -171,18 +170,14 @@ def _request(entry: object, where: str, defaults: Mapping[str, object]) -> Organ
         msg = f"{where}: {entry!r} was given; an organ is an object with the keys organ and seed."
         raise ValueError(msg)
     named = {}
-    for key, value in entry.items():
-        word = _SYNONYMS.get(key, key)
+    for word, value in entry.items():
         if word not in _CHECKS:
-            msg = f"{where}: the key {key!r} is unknown; use {', '.join(_CHECKS)}."
-            raise ValueError(msg)
-        if word in named:
-            msg = f"{where}: {word!r} is given twice; use one of the two."
+            msg = f"{where}: the key {word!r} is unknown; use {', '.join(_CHECKS)}."
             raise ValueError(msg)
         try:
             named[word] = _CHECKS[word](value)
         except ValueError as error:
-            msg = f"{where}, key {key!r}: {error}."
+            msg = f"{where}, key {word!r}: {error}."
             raise ValueError(msg) from error
     missing = [word for word in ("organ", "seed") if word not in named]
     if missing:
