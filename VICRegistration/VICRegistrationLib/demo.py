@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .analysis.deviation import deviation
-from .cli.fitting import FittedOrgan, fit_to_folder
-from .cli.outputs import OVERVIEW
+from .cli.fitting import fit_to_folder
+from .cli.outputs import OVERVIEW, FittedOrgan
 from .cli.requests import read_requests
 from .files import replacing_folder
 from .geometry.surface import BSplineSurface

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..files import replacing
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.organ import OrganFit
+from .canvas import blank_figure, save_figure
 from .deviation import deviation
 from .shading import Camera, shaded_triangles
 from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
@@ -31,7 +30,6 @@ _STAGE_COLOURS = ("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6")
 _VIEWER = (-0.80, 0.52, 0.30)
 _FRONT_VIEWER = (0.30, 0.90, 0.30)
 _MARGIN_MM = 18.0
-_DPI = 130
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +40,6 @@ class _Shown:
     colour: str
     label: str
     dashed: bool = False
-
-
-def require_matplotlib() -> None:
-    """Refuse to go on without matplotlib.
-
-    Raises
-    ------
-    RuntimeError
-        If it is not installed.
-    """
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        msg = (
-            "Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]', or leave "
-            "the pictures out with --no-pictures."
-        )
-        raise RuntimeError(msg) from error
 
 
 def organ_colours(names: Sequence[str]) -> dict[str, str]:
@@ -120,7 +100,7 @@ def organ_picture(
     _draw_slices(figure, image, surfaces, contours, region=fit.region.image)
     _draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, _VIEWER)
     _draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def overview_picture(
@@ -165,15 +145,11 @@ def overview_picture(
     _draw_slices(figure, image, surfaces, contours)
     for number, viewer in enumerate((_VIEWER, _FRONT_VIEWER)):
         _draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
-    require_matplotlib()
-    # Without pyplot: no window system and no global state, also inside another program.
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13.0, 9.6), dpi=_DPI, facecolor="white")
+    figure = blank_figure((13.0, 9.6))
     figure.text(0.02, 0.972, _literal(title), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
     figure.text(0.02, 0.937, _literal("\n".join(lines)), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
     figure.text(0.98, 0.968, alarm, size=13, weight="bold", color=_ALARM_COLOUR, va="top", ha="right")
@@ -183,16 +159,6 @@ def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
 def _literal(text: str) -> str:
     """Text in which a dollar sign is a dollar sign and not the begin of a formula."""
     return text.replace("$", r"\$")
-
-
-def _save(figure, path: str | os.PathLike) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
-    with replacing(path) as draft, warnings.catch_warnings():
-        # Letters that the font does not have are drawn as boxes; the title is not worth more words.
-        warnings.simplefilter("ignore", UserWarning)
-        figure.savefig(draft, format="png")
 
 
 def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:

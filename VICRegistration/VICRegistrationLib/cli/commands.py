@@ -65,7 +65,7 @@ def reproduce(options: argparse.Namespace) -> None:
     OSError, RuntimeError
         With a sentence for the user.
     """
-    from ..analysis.pictures import require_matplotlib
+    from ..analysis.canvas import require_matplotlib
     from ..reproduction.report import reproduce as run
 
     require_matplotlib()

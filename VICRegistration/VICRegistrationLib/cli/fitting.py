@@ -5,43 +5,20 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from ..analysis.pictures import organ_picture, overview_picture, require_matplotlib
+from ..analysis.canvas import require_matplotlib
+from ..analysis.pictures import organ_picture, overview_picture
 from ..files import replacing_folder
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.reading import read_image
 from ..imaging.separation import separate
-from ..registration.organ import OrganFit, finish, fit_region
+from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from .outputs import OVERVIEW, REPORT, organ_files, warnings_about, write_organ, write_report
+from .outputs import OVERVIEW, REPORT, FittedOrgan, organ_files, warnings_about, write_organ, write_report
 from .process import silenced_stderr
 from .requests import OrganRequest
-
-
-@dataclass(frozen=True, eq=False)
-class FittedOrgan:
-    """A fitted organ and what it took.
-
-    Parameters
-    ----------
-    name : str
-    fit : OrganFit
-    seeds : tuple of (r, a, s)
-        RAS mm.
-    seconds : float
-        From the seeds to the surface.
-    seconds_separation : float
-        The part of it before the fit.
-    """
-
-    name: str
-    fit: OrganFit
-    seeds: tuple[tuple[float, float, float], ...]
-    seconds: float
-    seconds_separation: float
 
 
 def fit_to_folder(

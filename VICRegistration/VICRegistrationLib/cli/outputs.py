@@ -7,8 +7,8 @@ import dataclasses
 import io
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,15 +21,35 @@ from ..imaging.image import Image
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
 
-if TYPE_CHECKING:
-    from .fitting import FittedOrgan
-
 REPORT, OVERVIEW = "report.json", "overview.png"
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
 # Mean squared difference between the image and an edge, over the squared contrast.
 _POOR_COST = 0.5
 # Between the separated region and the surface; voxels at the surface alone make a few per cent.
 _LARGEST_CHANGE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOrgan:
+    """A fitted organ and what it took.
+
+    Parameters
+    ----------
+    name : str
+    fit : OrganFit
+    seeds : tuple of (r, a, s)
+        RAS mm.
+    seconds : float
+        From the seeds to the surface.
+    seconds_separation : float
+        The part of it before the fit.
+    """
+
+    name: str
+    fit: OrganFit
+    seeds: tuple[tuple[float, float, float], ...]
+    seconds: float
+    seconds_separation: float
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:

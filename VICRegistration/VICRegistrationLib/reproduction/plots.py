@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..analysis.pictures import require_matplotlib
+from ..analysis.canvas import blank_figure, save_figure
 from ..analysis.slicing import SAGITTAL, View, cut, slice_of
-from ..files import replacing
 from ..geometry import models
 from ..geometry.parametrization import affine
 from ..geometry.triangulation import triangulate
@@ -19,7 +18,6 @@ from ..registration.stages import Step
 from . import one_dimensional
 from .prototypical import BELL_MM, IMAGE_MM, TESTS, PrototypicalTest
 
-_DPI = 130
 _TEXT = "#2b2f36"
 _FAINT = "#c9ced6"
 _START, _END = "#ff9a3c", "#35c6ff"
@@ -66,7 +64,7 @@ def convergence_plot(path: str | os.PathLike, test: PrototypicalTest, histories:
     OSError
         If the file cannot be written.
     """
-    figure = _figure((12.0, 4.9))
+    figure = blank_figure((12.0, 4.9))
     cost_axes, axes = figure.add_axes((0.07, 0.125, 0.38, 0.75)), figure.add_axes((0.53, 0.125, 0.33, 0.75))
     for (size, history), line in zip(histories.items(), _LINES):
         _draw_costs(cost_axes, history, line, with_labels=line == _LINES[0])
@@ -86,7 +84,7 @@ def convergence_plot(path: str | os.PathLike, test: PrototypicalTest, histories:
         either.xaxis.get_major_locator().set_params(integer=True)
     cost_axes.legend(frameon=False, fontsize=9)
     axes.legend(frameon=False, fontsize=9, title="parameter → theory", loc="center left", bbox_to_anchor=(1.02, 0.5))
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def one_dimensional_plot(path: str | os.PathLike, pixels: np.ndarray, shift: float) -> None:
@@ -108,7 +106,7 @@ def one_dimensional_plot(path: str | os.PathLike, pixels: np.ndarray, shift: flo
     OSError
         If the file cannot be written.
     """
-    figure = _figure((12.0, 4.9))
+    figure = blank_figure((12.0, 4.9))
     row, axes = figure.add_axes((0.06, 0.125, 0.41, 0.75)), figure.add_axes((0.565, 0.125, 0.41, 0.75))
     profile, last = one_dimensional.PROFILE, len(pixels) - 1.0
     positions = np.linspace(0.0, last, 500)
@@ -132,7 +130,7 @@ def one_dimensional_plot(path: str | os.PathLike, pixels: np.ndarray, shift: flo
     levels = f"A_max {profile.inside:g}, A_min {profile.outside:g}, tau {profile.width:g}"
     _finish_axes(row, "position (pixels)", "grey level", f"Row of pixels and profile: {levels}")
     _finish_axes(axes, "shift (pixels)", "cost (equation 4)", "Cost of the shifted profile")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, Sequence[Step]]) -> None:
@@ -154,7 +152,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
     OSError
         If the file cannot be written.
     """
-    figure = _figure((12.6, 4.9))
+    figure = blank_figure((12.6, 4.9))
     view = View(SAGITTAL, np.zeros(3), 0.62 * IMAGE_MM)
     grey = slice_of(Sampler(image), view)
     tests = [test for test in TESTS if test.name in histories]
@@ -173,7 +171,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
     figure.text(0.015, 0.035, note, size=10, color=_TEXT)
     figure.text(0.58, 0.035, "start model", size=10.5, color="#c96a12", weight="bold")
     figure.text(0.69, 0.035, "found surface", size=10.5, color="#0f86b8", weight="bold")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_costs(axes, history: Sequence[Step], line, *, with_labels: bool) -> None:
@@ -188,14 +186,6 @@ def _draw_costs(axes, history: Sequence[Step], line, *, with_labels: bool) -> No
         axes.semilogy(iterations, costs, color=_COLOURS[number], label=stage if with_labels else None, **style)
 
 
-def _figure(size: tuple[float, float]):
-    require_matplotlib()
-    # Without pyplot: no window system and no global state.
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=size, dpi=_DPI, facecolor="white")
-
-
 def _finish_axes(axes, x: str, y: str, title: str) -> None:
     axes.set_xlabel(x, color=_TEXT)
     axes.set_ylabel(y, color=_TEXT)
@@ -206,11 +196,3 @@ def _finish_axes(axes, x: str, y: str, title: str) -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(_FAINT)
-
-
-def _save(figure, path: str | os.PathLike) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure)
-    with replacing(path) as draft:
-        figure.savefig(draft, format="png")

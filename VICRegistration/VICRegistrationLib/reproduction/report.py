@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.pictures import require_matplotlib
+from ..analysis.canvas import require_matplotlib
 from ..files import replacing
 from ..imaging.image import Image
 from ..registration.stages import Step

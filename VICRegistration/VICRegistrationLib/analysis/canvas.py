@@ -1,0 +1,74 @@
+"""Figures of matplotlib without its global state: made, and written as PNG files."""
+
+from __future__ import annotations
+
+import os
+import warnings
+
+from ..files import replacing
+
+_DPI = 130
+
+
+def require_matplotlib() -> None:
+    """Refuse to go on without matplotlib.
+
+    Raises
+    ------
+    RuntimeError
+        If it is not installed.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        msg = (
+            "Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]', or leave "
+            "the pictures out with --no-pictures."
+        )
+        raise RuntimeError(msg) from error
+
+
+def blank_figure(size: tuple[float, float]):
+    """Make an empty white figure.
+
+    Parameters
+    ----------
+    size : (width, height)
+        Inches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Without pyplot: no window system and no global state, also inside another program.
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    """
+    require_matplotlib()
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, dpi=_DPI, facecolor="white")
+
+
+def save_figure(figure, path: str | os.PathLike) -> None:
+    """Write a figure as a PNG file, completely or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    with replacing(path) as draft, warnings.catch_warnings():
+        # Letters that the font does not have are drawn as boxes; the title is not worth more words.
+        warnings.simplefilter("ignore", UserWarning)
+        figure.savefig(draft, format="png")
