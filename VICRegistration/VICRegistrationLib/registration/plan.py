@@ -32,7 +32,7 @@ ANCHOR = 0.05
 REGION_BENDING = 100.0
 # A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
 # region, which the grey levels will correct anyway.
-COST_TOLERANCE = 1e-3
+COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
 
 
@@ -82,14 +82,13 @@ def plan(
         **common,
     }
     yield Stage("global scaling", stop_rule="parameters", reach=0.15, **far), scaling
-    for name, reach, loosening in (("region, coarse", 0.05, 10.0), ("region, fine", 0.02, 3.0)):
-        tolerance = patience * loosening * options.tolerance
-        bending = REGION_BENDING * options.smoothness
-        yield Stage(name, reach=reach, bending=bending, tolerance=tolerance, **far), closed.at
+    tolerance = patience * 3.0 * options.tolerance
+    bending = REGION_BENDING * options.smoothness
+    yield Stage("region", reach=0.02, bending=bending, tolerance=tolerance, **far), closed.at
     sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
     inside, outside = _starting_levels(target, sampler, options)
     voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
-    for name, widening, loosening in (("grey levels, coarse", 1.5, 10.0), ("grey levels, fine", 1.0, 1.0)):
+    for name, widening, loosening in (("grey levels, coarse", 1.5, 3.0), ("grey levels, fine", 1.0, 1.0)):
         stage = Stage(
             name,
             sampler,
@@ -100,7 +99,7 @@ def plan(
             bending=options.smoothness,
             sliding=SLIDING,
             anchor=ANCHOR,
-            tolerance=patience * min(loosening, 3.0) * options.tolerance,
+            tolerance=patience * loosening * options.tolerance,
             cost_tolerance=patience * loosening * COST_TOLERANCE,
             **common,
         )
