@@ -202,6 +202,27 @@ def test_a_seed_outside_the_threshold(image):
     )
 
 
+def test_a_suggested_threshold_without_the_seed_is_not_the_users_fault(image):
+    levels = image.array.copy()
+    levels[9:11, 19:21, 17:19] = 120
+    message = refused(
+        lambda: separate(Image(levels, np.eye(4)), [[18, 20, 10], [12, 14, 6]]),
+        "No threshold could be suggested that holds the seed (18.0, 20.0, 10.0) mm",
+        "its grey level is 120",
+        "give the threshold",
+    )
+    assert "widen" not in message
+
+
+def test_a_threshold_beyond_the_voxels_type(image):
+    levels = Image(image.array.astype(np.float32), np.eye(4))
+    refused(lambda: separate(levels, [18, 20, 10], threshold=(-1e308, 1e308)), "fills most of the volume")
+
+
+def test_grey_levels_too_great_to_be_worked_with():
+    refused(lambda: Image(np.full((3, 3, 3), -1e200), np.eye(4)), "grey levels reach 1e+200", "scale them down")
+
+
 @pytest.mark.parametrize(
     ("threshold", "needed"),
     [

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,12 @@ from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 from VICRegistrationLib import __version__, cli
 from VICRegistrationLib.analysis.deviation import deviation
 from VICRegistrationLib.cli.arguments import parsed_arguments
+from VICRegistrationLib.cli.outputs import FittedOrgan, warnings_about
 from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.imaging.separation import separate
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 
@@ -98,6 +102,7 @@ def test_the_report_tells_what_was_found(fitted, report, image_path):
     low, high = organ["threshold"]
     assert low < 800.0 < high
     assert organ["converged"] is True
+    assert organ["stopped_by"] in ("displacement", "parameters", "cost")
     assert organ["valid"] is True
     assert organ["touches_border"] == []
     assert organ["warnings"] == []
@@ -193,6 +198,17 @@ def test_other_files_of_the_output_stay_and_old_results_are_replaced(image_path,
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
+def test_older_pictures_of_the_same_organs_do_not_stay(image_path, tmp_path):
+    for name in ("bladder.png", "overview.png", "rectum.png"):
+        (tmp_path / name).write_text("old")
+    words = (image_path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path, "--no-pictures", "--quiet")
+    # Without a report they are not known to be results of an earlier fit.
+    assert fit(*words) == 0
+    assert {"bladder.png", "overview.png", "rectum.png"} <= {path.name for path in tmp_path.iterdir()}
+    assert fit(*words) == 0
+    assert [path.name for path in tmp_path.glob("*.png")] == ["rectum.png"]
+
+
 @pytest.mark.parametrize(
     "words", [["--seed", "-3,10,5"], ["--seed=-3,10,5"], ["--seed", "-3, 10, 5"], ["--seed", "-.3e1,10,5"]]
 )
@@ -213,6 +229,32 @@ def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     assert organ["touches_border"] == ["right"]
     assert "reaches the border of the image (right)" in capsys.readouterr().err
     assert any("reaches the border" in warning for warning in organ["warnings"])
+
+
+def test_what_looks_wrong_about_a_fit_is_told_in_words_of_the_command_line():
+    image = ellipsoid_image()
+    options = FitOptions()
+    region = separate(image, CENTER)
+    found = finish(fit_region(image, region, options))
+    inside_out = found.surface.transformed(np.diag([-2.0, 1.0, 1.0, 1.0]))
+    bad = replace(
+        found,
+        surface=inside_out,
+        converged=False,
+        cost_final=0.7,
+        region=replace(region, warnings=("The region leaks.",)),
+        history=(*found.history[:-1], replace(found.history[-1], stopped_by="no better point")),
+    )
+    told = warnings_about(FittedOrgan("b", bad, (tuple(CENTER),), 1.0, 0.5), image)
+    for words in (
+        "inside out",
+        "no further step lowered the cost",
+        "The region leaks.",
+        "follows no clear edge",
+        "but the separated region",
+    ):
+        assert sum(words in sentence for sentence in told) == 1, words
+    assert not [sentence for sentence in told if "control net" in sentence or "weight" in sentence]
 
 
 @pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["phantom", "--help"], ["reproduce", "--help"]])

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import signal
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from small_phantom import SEED, ellipsoid_image
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.cli import fitting
+from VICRegistrationLib.cli.process import silenced_stderr
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
@@ -177,6 +180,15 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--organ", ""], ["--organ", "is empty"]),
         (["--organ", "report"], ["--organ", "choose another"]),
         (["--organ", "x" * 300], ["--organ", "at most 100"]),
+        (["--organ", "膀" * 90], ["--organ", "270 bytes", "room for 239"]),
+        (["--organ", "con"], ["--organ", "device on Windows"]),
+        (["--organ", "Nul.x"], ["--organ", "device on Windows"]),
+        (["--seed", "-inf,0,0"], ["--seed", "three numbers R,A,S"]),
+        (["--seed", "1e308,-1e308,1e308"], ["seed (1e+308, -1e+308, 1e+308) mm lies outside the volume"]),
+        (["--threshold", "-inf,inf"], ["--threshold", "two numbers LOW,HIGH"]),
+        (["--net", "-9x7"], ["--net", "ROWSxCOLUMNS such as 9x7"]),
+        (["--erosion", "-inf"], ["--erosion", "zero or a positive length"]),
+        (["--erosion", "1e308"], ["more than half of the volume's longest side", "Use a few millimetres"]),
         (["--series", "1.2.3"], ["A series was named", "is a file"]),
         (["--sead", "1,2,3"], ["unrecognized arguments: --sead 1,2,3"]),
         (["--config", "organs.json"], ["Both --config and --organ were given"]),
@@ -237,6 +249,7 @@ GOOD = {"organ": "bladder", "seed": [1, 2, 3]}
         (organs({**GOOD, "net": "4x4"}), ["bladder: A net of 4x4"]),
         (organs({**GOOD, "solver": ["gauss-newton"]}), ["key 'solver'", "choose one of"]),
         (organs(GOOD, {**GOOD, "organ": "Bladder"}), ["Bladder, bladder twice", "rename one"]),
+        (organs({**GOOD, "organ": "Bl\u00e4se"}, {**GOOD, "organ": "bla\u0308se"}), ["twice", "rename one"]),
         ('{"schema": 1, "schema": 2}', ["'schema' occurs twice"]),
     ],
 )
@@ -258,6 +271,55 @@ def test_one_bad_organ_leaves_no_file_of_the_good_one(refused_fit, image_path, t
     bad = {"organ": "rectum", "seed": [500, 0, 0]}
     (tmp_path / "organs.json").write_text(organs(good, bad))
     assert "rectum: The seed (500.0, 0.0, 0.0) mm" in refused_fit(image_path, "--config", tmp_path / "organs.json")
+
+
+@pytest.mark.parametrize(
+    ("folder", "word"), [("", "is empty"), (" ", "is empty"), ("x/" + "y" * 256, "more than 255 bytes")]
+)
+@pytest.mark.parametrize("command", [["fit", "none.nrrd", *ORGAN, "--output"], ["phantom"], ["reproduce"]])
+def test_an_output_that_has_no_name(refused, command, folder, word):
+    assert word in refused(*command, folder)
+
+
+def test_a_result_that_would_replace_the_image(refused, image_path, output):
+    shutil.copyfile(image_path, output.parent / "b.vtp")
+    folder = output.parent
+    line = refused("fit", folder / "b.vtp", "--organ", "b", "--seed", SEED, "--output", folder, "--quiet")
+    assert "b.vtp, which is read; choose another output folder or name" in line
+
+
+def test_stderr_is_silenced_only_for_a_while(capfd):
+    with silenced_stderr():
+        os.write(2, b"noise")
+    os.write(2, b"words")
+    assert capfd.readouterr().err == "words"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal to send")
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_sigterm_ends_with_one_line(refused, image_path, output, monkeypatch, wrapped):
+    def terminated(*arguments, **options):
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(10.0)
+        except BaseException as error:
+            if wrapped:
+                raise RuntimeError from error
+            raise
+
+    monkeypatch.setattr(fitting, "separate", terminated)
+    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=143)
+    assert line == "vic-registration: terminated; nothing was written"
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_numbers_that_overflow_end_with_one_line(refused_fit, image_path, monkeypatch):
+    def overflown(*arguments, **options):
+        msg = "math range error"
+        raise OverflowError(msg)
+
+    monkeypatch.setattr(fitting, "separate", overflown)
+    assert "too large to be worked with (math range error)" in refused_fit(image_path, *ORGAN)
 
 
 @pytest.mark.parametrize("below", [[], ["deeper"]])

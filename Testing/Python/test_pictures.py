@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +126,33 @@ def test_pictures_are_written(tmp_path, image, fit):
         assert width > 1200
         assert height > 900
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "organ.png"]
+
+
+@pytest.mark.parametrize("name", ["_$_$", "$\\frac$", "x_$x^$", "膀胱", "_"])
+def test_any_name_can_be_drawn(tmp_path, image, fit, name):
+    pictures.organ_picture(tmp_path / "organ.png", image, fit, name)
+    pictures.overview_picture(tmp_path / "all.png", image, {name: fit, "$": fit})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "organ.png"]
+
+
+def test_the_header_tells_what_to_look_at(fit):
+    assert pictures.alarm(fit) == ""
+    cut_off = replace(fit, converged=False, region=replace(fit.region, touches_border=("k-",)))
+    told = pictures.alarm(cut_off, n_warnings=2)
+    for words in ("not converged", "reaches the border", "2 warnings in the report"):
+        assert words in told
+    inside_out = replace(fit, surface=fit.surface.transformed(np.diag([-1.0, 1.0, 1.0, 1.0])))
+    assert inside_out.problems
+    assert f"invalid surface ({inside_out.problems[0].kind})" in pictures.alarm(inside_out)
+
+
+def test_the_planes_of_an_overview_cut_as_many_organs_as_they_can():
+    low, high = np.array([[0.0, 0, 0], [40.0, 1, 1]]), np.array([[10.0, 10, 10], [44.0, 9, 9]])
+    axial, coronal, sagittal = pictures._views(low, high)
+    np.testing.assert_array_equal(axial.center, [22.0, 5.0, 5.0])
+    np.testing.assert_array_equal(coronal.center, [22.0, 5.0, 5.0])
+    # The middle, R 22, is beside both organs; the middle of the first is 17 mm from it, that of the second 20 mm.
+    np.testing.assert_array_equal(sagittal.center, [5.0, 5.0, 5.0])
 
 
 def test_an_overview_needs_an_organ(tmp_path, image):

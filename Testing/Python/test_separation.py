@@ -182,6 +182,14 @@ def test_seeds_in_separate_pieces_are_refused():
     assert "Fit them one by one, or widen the threshold or lower the erosion so that they join." in str(refusal.value)
 
 
+def test_the_default_erosion_keeps_the_pieces_of_the_seeds_together():
+    image, first, second = bridged()
+    both = separate(image, [first, second], threshold=(140, 300))
+    assert ndimage.label(both.mask)[1] == 1
+    assert both.erosion < 2.0
+    assert both.volume_ml > 1.8 * 4 / 3 * np.pi * 9**3 / 1000
+
+
 def test_seeds_in_one_piece_agree():
     image, first, second = bridged()
     joined = separate(image, [first, second], threshold=(140, 300), erosion=0.0)

@@ -24,8 +24,10 @@ def terminable() -> Iterator[None]:
         When the signal arrives. Nothing changes where Python handles no signals (outside of the main thread), nor
         where the signal is ignored.
     """
+    arrived = []
 
     def end(number, frame):
+        arrived.append(number)
         raise Terminated
 
     if threading.current_thread() is not threading.main_thread() or (
@@ -36,6 +38,11 @@ def terminable() -> Iterator[None]:
     signal.signal(signal.SIGTERM, end)
     try:
         yield
+    except Exception:
+        # Python wraps what is raised while a class is made (an import may be under way) into an error of its own.
+        if arrived:
+            raise Terminated from None
+        raise
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# The squares of greater levels, summed over a volume, leave the range of numbers.
+_LARGEST_LEVEL = 1e100
+
 
 @dataclass(frozen=True, eq=False)
 class Image:
@@ -24,8 +27,8 @@ class Image:
     Raises
     ------
     ValueError
-        If the array is not a three-dimensional grid of finite numbers with two voxels or more along every
-        axis, or the matrix cannot place it.
+        If the array is not a three-dimensional grid of finite numbers up to 1e100 with two voxels or more along
+        every axis, or the matrix cannot place it.
     """
 
     array: np.ndarray
@@ -167,8 +170,17 @@ def _check_grid(array):
 
 
 def _check_finite(array):
+    if array.dtype.kind != "f":
+        return
     # The minimum and maximum carry a NaN or an infinity along without a mask of the volume's size.
-    if array.dtype.kind != "f" or np.isfinite([array.min(), array.max()]).all():
+    largest = float(np.abs([array.min(), array.max()]).max())
+    if largest > _LARGEST_LEVEL and np.isfinite(largest):
+        msg = (
+            f"The grey levels reach {largest:.3g}, too much to be worked with; no scanner gives them. Check the file's "
+            "voxel type and byte order, or scale them down."
+        )
+        raise ValueError(msg)
+    if largest <= _LARGEST_LEVEL:
         return
     check_finite_count(array.size - int(np.count_nonzero(np.isfinite(array))), array.size)
 

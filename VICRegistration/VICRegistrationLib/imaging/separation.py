@@ -215,7 +215,7 @@ def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxe
         outer_start = np.maximum(start - room, 0)
         outer_stop = np.minimum(stop + room, shape)
         grey = image.array[tuple(map(slice, outer_start, outer_stop))]
-        inside = (grey >= threshold[0]) & (grey <= threshold[1])
+        inside = _within(grey, threshold)
         core = erode(inside, steps, erosion)
         # Erosion at the edge of the outer box does not see what lies beyond it: only the inner box is exact.
         inner = tuple(map(slice, start - outer_start, stop - outer_start))
@@ -235,6 +235,14 @@ def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxe
         growth = np.maximum(((stop - start) * _GROWTH).astype(int), 1)
         start = np.where(grow_low, np.maximum(start - growth, 0), start)
         stop = np.where(grow_high, np.minimum(stop + growth, shape), stop)
+
+
+def _within(grey, threshold):
+    """Voxels within the threshold, which may lie beyond what the voxels' type can hold."""
+    if grey.dtype.kind == "f":
+        limits = np.finfo(grey.dtype)
+        threshold = np.clip(threshold, float(limits.min), float(limits.max)).tolist()
+    return (grey >= threshold[0]) & (grey <= threshold[1])
 
 
 def _first_box(image, edges, voxels, erosion):
