@@ -17,6 +17,7 @@ def modules():
     """The benchmark is a folder of scripts, not a package."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(FOLDER))
+        import bladders
         import growth
         import measuring
         import run
@@ -24,8 +25,8 @@ def modules():
         import surfaces
         import volumes
 
-        yield {m.__name__: m for m in (growth, measuring, run, scenes, surfaces, volumes)}
-        for name in ("growth", "measuring", "run", "scenes", "surfaces", "volumes"):
+        yield {m.__name__: m for m in (bladders, growth, measuring, run, scenes, surfaces, volumes)}
+        for name in ("bladders", "growth", "measuring", "run", "scenes", "surfaces", "volumes"):
             del sys.modules[name]
 
 
@@ -117,7 +118,7 @@ def test_separation_is_timed_against_labelling(modules, image):
 
 
 def test_real_bladders_are_left_out_where_there_are_none(modules, tmp_path):
-    assert modules["scenes"].bladder_scenes(tmp_path) == []
+    assert modules["bladders"].bladders(tmp_path) == []
 
 
 def test_the_report_starts_with_the_machine(modules, monkeypatch, capsys):

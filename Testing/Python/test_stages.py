@@ -225,6 +225,7 @@ def test_a_ball_in_thick_slices_is_fitted_with_less_bias_when_the_voxel_is_known
     ("choice", "message"),
     [
         ({"solver": "newton"}, "The solver 'newton' was asked for; choose one of gauss-newton, gradient-descent"),
+        ({"ramp": "step"}, "The ramp 'step' was asked for; choose one of cosine, linear"),
         ({"stop_rule": "cost"}, "The stop rule 'cost' was asked for; choose one of displacement, parameters"),
     ],
 )

@@ -20,6 +20,7 @@ THREADS = "OMP_NUM_THREADS"
 
 TITLES = {
     "surface": "From a separated region to a surface",
+    "experts": "Fits in real MRI against what experts have drawn",
     "separation": "Separating an organ in a large volume",
     "growth": "Growth of the local fit",
     "sampling": "Sampling grey levels",
@@ -28,11 +29,12 @@ TITLES = {
 
 def reports() -> dict[str, Callable[..., str]]:
     """Functions that measure a case and tell about it."""
+    import bladders
     import growth
     import surfaces
     import volumes
 
-    functions = (surfaces.report, volumes.separation_report, growth.report, volumes.sampling_report)
+    functions = (surfaces.report, bladders.report, volumes.separation_report, growth.report, volumes.sampling_report)
     return dict(zip(TITLES, functions))
 
 

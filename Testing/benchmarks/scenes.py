@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
+from bladders import bladders
 
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.imaging.separation import Region, region_from_mask, separate
+from VICRegistrationLib.imaging.separation import Region, separate
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
-BLADDERS = ("crop_IM0465", "crop_IM0533", "full_p5")
-LUMEN = 3
 ORGAN_LEVEL, WALL_LEVEL, TISSUE_LEVELS, NOISE = 900.0, 170.0, (220.0, 450.0), 45.0
 
 
@@ -39,15 +34,9 @@ def demo_scenes() -> list[Scene]:
     ]
 
 
-def bladder_scenes(folder: Path = DATA) -> list[Scene]:
-    """Real bladders with the experts' lumen, cleaned; none where the data is absent."""
-    scenes = []
-    for name in BLADDERS:
-        if (folder / f"{name}_t2.nii.gz").exists():
-            image = read_image(folder / f"{name}_t2.nii.gz")
-            lumen = ndimage.binary_fill_holes(read_image(folder / f"{name}_label.nii.gz").array == LUMEN)
-            scenes.append(Scene(name, image, region_from_mask(image, lumen, largest_component=True)))
-    return scenes
+def bladder_scenes() -> list[Scene]:
+    """Real bladders with the experts' lumen; none where the data is absent."""
+    return [Scene(bladder.name, bladder.image, bladder.lumen) for bladder in bladders()]
 
 
 def organ_volume(size: tuple[int, int, int], spacing: tuple[float, float, float], *, noise: float = NOISE) -> Image:

@@ -124,7 +124,7 @@ def report(*, quick: bool) -> str:
     if not real:
         skipped = "  Real bladders were skipped: ../shared/data/bladder_mri is not there."
     else:
-        skipped = f"  Real bladders: {', '.join(scene.name for scene in real if scene.name in results)}; truth unknown."
+        skipped = f"  Real bladders: {', '.join(scene.name for scene in real if scene.name in results)}; see experts."
     threads = vtkSMPTools.GetEstimatedDefaultNumberOfThreads()
     return "\n\n".join(
         [

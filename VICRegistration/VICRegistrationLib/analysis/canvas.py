@@ -10,8 +10,13 @@ from ..files import replacing
 _DPI = 130
 
 
-def require_matplotlib() -> None:
+def require_matplotlib(*, otherwise: str = "") -> None:
     """Refuse to go on without matplotlib.
+
+    Parameters
+    ----------
+    otherwise : str
+        What the user can do instead of installing it, such as ", or leave the pictures out".
 
     Raises
     ------
@@ -22,8 +27,7 @@ def require_matplotlib() -> None:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
         msg = (
-            "Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]', or leave "
-            "the pictures out with --no-pictures."
+            f"Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]'{otherwise}."
         )
         raise RuntimeError(msg) from error
 

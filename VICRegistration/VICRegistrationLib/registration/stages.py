@@ -16,6 +16,7 @@ from .levels import Levels
 from .profile import cosine_ramp, linear_ramp
 from .solvers import SOLVERS, Iterate, Objective
 
+RAMPS = {"cosine": cosine_ramp, "linear": linear_ramp}
 STOP_RULES = ("displacement", "parameters")
 # A solver that expected a larger share of the cost than this to go, and got almost nothing, is stuck, not at rest.
 _STUCK = 0.05
@@ -76,17 +77,16 @@ class Stage:
 
     def __post_init__(self) -> None:
         """Check the choices."""
-        if self.solver not in SOLVERS:
-            msg = f"The solver {self.solver!r} was asked for; choose one of {', '.join(SOLVERS)}."
-            raise ValueError(msg)
-        if self.stop_rule not in STOP_RULES:
-            msg = f"The stop rule {self.stop_rule!r} was asked for; choose one of {', '.join(STOP_RULES)}."
-            raise ValueError(msg)
+        for name, choices in (("solver", SOLVERS), ("stop rule", STOP_RULES), ("ramp", RAMPS)):
+            found = getattr(self, name.replace(" ", "_"))
+            if found not in choices:
+                msg = f"The {name} {found!r} was asked for; choose one of {', '.join(choices)}."
+                raise ValueError(msg)
 
     def correlation(self, parametrization: Parametrization, grid: SampleGrid) -> Correlation:
         """Make the correlation that this stage minimises over a parametrization."""
         depths = np.linspace(-self.reach, self.reach, self.n_depths) + (0.0 if self.centered else 0.5)
-        ramp = {"cosine": cosine_ramp, "linear": linear_ramp}[self.ramp](depths, centered=self.centered)
+        ramp = RAMPS[self.ramp](depths, centered=self.centered)
         return Correlation(self.sampler, parametrization, grid, depths=depths, ramp=ramp, levels=self.levels)
 
 
