@@ -10,13 +10,13 @@ from ..files import replacing
 _DPI = 130
 
 
-def require_matplotlib(*, otherwise: str = "") -> None:
+def require_matplotlib(*, otherwise: str = ", or leave the pictures out with --no-pictures") -> None:
     """Refuse to go on without matplotlib.
 
     Parameters
     ----------
     otherwise : str
-        What the user can do instead of installing it, such as ", or leave the pictures out".
+        What the user can do instead of installing it; empty where there is nothing.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def reproduce(options: argparse.Namespace) -> None:
     from ..analysis.canvas import require_matplotlib
     from ..reproduction.report import reproduce as run
 
-    require_matplotlib()
+    require_matplotlib(otherwise="")
     with replacing_folder(options.folder) as drafts:
         run(drafts, say=_speaker(False))
     _speaker(False)(f"table and plots written to {options.folder}")

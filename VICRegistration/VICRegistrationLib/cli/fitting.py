@@ -66,7 +66,7 @@ def fit_to_folder(
         If pictures are wanted and matplotlib is missing.
     """
     if pictures:
-        require_matplotlib(otherwise=", or leave the pictures out with --no-pictures")
+        require_matplotlib()
     truths = truths or {}
     _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures)
     with replacing_folder(folder, outdated=_outdated(requests, Path(folder), pictures=pictures)) as drafts:

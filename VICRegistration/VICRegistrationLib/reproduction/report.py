@@ -100,7 +100,7 @@ def reproduce(
     OSError
         If a file cannot be written.
     """
-    require_matplotlib()
+    require_matplotlib(otherwise="")
     say = say or (lambda line: None)
     directory = Path(directory)
     runs = []
