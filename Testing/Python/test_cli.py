@@ -8,7 +8,6 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,9 @@ from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 from VICRegistrationLib import __version__, cli
 from VICRegistrationLib.analysis.deviation import deviation
 from VICRegistrationLib.cli.arguments import parsed_arguments
-from VICRegistrationLib.cli.outputs import FittedOrgan, warnings_about
 from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import write_image
-from VICRegistrationLib.imaging.separation import separate
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 
@@ -229,32 +225,6 @@ def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     assert organ["touches_border"] == ["right"]
     assert "reaches the border of the image (right)" in capsys.readouterr().err
     assert any("reaches the border" in warning for warning in organ["warnings"])
-
-
-def test_what_looks_wrong_about_a_fit_is_told_in_words_of_the_command_line():
-    image = ellipsoid_image()
-    options = FitOptions()
-    region = separate(image, CENTER)
-    found = finish(fit_region(image, region, options))
-    inside_out = found.surface.transformed(np.diag([-2.0, 1.0, 1.0, 1.0]))
-    bad = replace(
-        found,
-        surface=inside_out,
-        converged=False,
-        cost_final=0.7,
-        region=replace(region, warnings=("The region leaks.",)),
-        history=(*found.history[:-1], replace(found.history[-1], stopped_by="no better point")),
-    )
-    told = warnings_about(FittedOrgan("b", bad, (tuple(CENTER),), 1.0, 0.5), image)
-    for words in (
-        "inside out",
-        "no further step lowered the cost",
-        "The region leaks.",
-        "follows no clear edge",
-        "but the separated region",
-    ):
-        assert sum(words in sentence for sentence in told) == 1, words
-    assert not [sentence for sentence in told if "control net" in sentence or "weight" in sentence]
 
 
 @pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["phantom", "--help"], ["reproduce", "--help"]])

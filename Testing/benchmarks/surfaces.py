@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkPolyDataNormals, vtkWindowedSincPolyDataFilter
 from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 
-from VICRegistrationLib.export.mesh_files import polydata
+from VICRegistrationLib.export.surface_data import polydata
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.triangulation import triangulate

@@ -10,7 +10,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
-from ..export.mesh_files import polydata
+from ..export.surface_data import polydata
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler

@@ -14,9 +14,10 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.reading import read_image
 from ..imaging.separation import separate
+from ..registration.doubts import warnings_about
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from .outputs import OVERVIEW, REPORT, FittedOrgan, organ_files, warnings_about, write_organ, write_report
+from .outputs import OVERVIEW, REPORT, FittedOrgan, organ_files, write_organ, write_report
 from .process import silenced_stderr
 from .requests import OrganRequest
 
@@ -78,7 +79,7 @@ def fit_to_folder(
         organs = tuple(_fitted(image, request, say) for request in requests)
         for organ in organs:
             write_organ(organ, drafts)
-            warnings = warnings_about(organ, image)
+            warnings = warnings_about(image, organ.fit)
             if pictures:
                 organ_picture(
                     drafts / f"{organ.name}.png",

@@ -10,23 +10,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .. import __version__
 from ..export.mesh_files import write_stl, write_vtp
 from ..files import replacing
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
+from ..registration.doubts import border_sides, warnings_about
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
 
 REPORT, OVERVIEW = "report.json", "overview.png"
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
-# Mean squared difference between the image and an edge, over the squared contrast.
-_POOR_COST = 0.5
-# Between the separated region and the surface; voxels at the surface alone make a few per cent.
-_LARGEST_CHANGE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,63 +146,6 @@ def write_report(
         draft.write_text(text + "\n", encoding="utf-8")
 
 
-def warnings_about(organ: FittedOrgan, image: Image) -> list[str]:
-    """Sentences about what a user should look at before trusting the surface.
-
-    Parameters
-    ----------
-    organ : FittedOrgan
-    image : Image
-        The image that was fitted.
-
-    Returns
-    -------
-    list of str
-        Empty if nothing is known to be wrong.
-    """
-    fit = organ.fit
-    # The library's own remedies are for programmers.
-    sentences = [
-        f"{problem.message.partition('; ')[0]}; look at the contour, and try a smaller net or another seed, threshold "
-        "or erosion."
-        for problem in fit.problems
-    ]
-    if not fit.converged:
-        last = fit.history[-1]
-        why = (
-            "because no further step lowered the cost"
-            if _stopped_by(fit) == "no better point"
-            else f"while the surface still moved by {last.displacement:.2g} mm"
-        )
-        sentences.append(
-            f"The fit stopped after {last.iteration} iterations of its last stage, {why}; look at the contour."
-        )
-    if fit.region.touches_border:
-        sides = ", ".join(dict.fromkeys(_side(image, face) for face in fit.region.touches_border))
-        sentences.append(
-            f"The organ reaches the border of the image ({sides}) and may go on outside of it; there the surface "
-            "is not that of the organ."
-        )
-    return [*sentences, *fit.region.warnings, *_warnings_about_fit(fit)]
-
-
-def _warnings_about_fit(fit: OrganFit) -> list[str]:
-    """Sentences about a surface that may be valid and yet not that of an organ."""
-    sentences = []
-    if fit.cost_final >= _POOR_COST:
-        sentences.append(
-            "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of "
-            f"the contrast (cost {fit.cost_final:.2g}); look at the contour, and give another seed or threshold."
-        )
-    volume, separated = fit.surface.volume() / 1000.0, float(fit.region.volume_ml)
-    if abs(volume - separated) > _LARGEST_CHANGE * separated:
-        sentences.append(
-            f"The surface holds {volume:.1f} ml, but the separated region {separated:.1f} ml; look at the contour, and "
-            "give another threshold or erosion if the region is wrong, or a larger net if the surface is."
-        )
-    return sentences
-
-
 def _entry(organ: FittedOrgan, image: Image) -> dict:
     """Everything about one organ, as JSON keeps it."""
     fit = organ.fit
@@ -218,7 +156,7 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "separated_volume_ml": float(fit.region.volume_ml),
         "iterations": fit.iterations,
         "converged": bool(fit.converged),
-        "stopped_by": _stopped_by(fit),
+        "stopped_by": fit.history[-1].stopped_by,
         "cost_initial": float(fit.cost_initial),
         "cost_final": float(fit.cost_final),
         "seconds": organ.seconds,
@@ -228,14 +166,10 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "seed": [list(point) for point in organ.seeds],
         "erosion": None if fit.region.erosion is None else float(fit.region.erosion),
         "options": {key: value for key, value in options.items() if key != "erosion"},
-        "touches_border": [_side(image, face) for face in fit.region.touches_border],
+        "touches_border": border_sides(image, fit.region),
         "valid": not fit.problems,
-        "warnings": warnings_about(organ, image),
+        "warnings": warnings_about(image, organ.fit),
     }
-
-
-def _stopped_by(fit: OrganFit) -> str:
-    return fit.history[-1].stopped_by
 
 
 def organ_files(name: str, *, pictures: bool) -> list[str]:
@@ -257,11 +191,3 @@ def organ_files(name: str, *, pictures: bool) -> list[str]:
 
 def _net_text(net: tuple[int, int]) -> str:
     return f"{net[0]}x{net[1]}"
-
-
-def _side(image: Image, face: str) -> str:
-    """Side of the patient that a face of the volume such as "k-" looks to."""
-    axis, sign = "ijk".index(face[0]), -1.0 if face[1] == "-" else 1.0
-    outward = sign * image.ijk_to_ras[:3, axis]
-    nearest = int(np.argmax(np.abs(outward)))
-    return (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))[nearest][int(outward[nearest] > 0)]
