@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -26,3 +27,78 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip("there is no folder ../shared/data of real images beside the project")
     return folder
+
+
+@pytest.fixture(scope="session")
+def slicer_bench():
+    """Slicer's real scene and stand-ins for the rest, so that code for Slicer can be imported."""
+    pytest.importorskip("slicer", reason="slicer-core is not installed")
+    from slicer_stand_ins.bench import install
+
+    return install()
+
+
+@pytest.fixture
+def scene(slicer_bench, monkeypatch):
+    """An empty slicer.mrmlScene; errors in its observers, which VTK only prints, fail the test."""
+    import mrml_boot
+
+    errors = []
+    monkeypatch.setattr(sys, "excepthook", lambda kind, error, trace: errors.append(error))
+    mrml_boot.clear(slicer_bench.scene)
+    yield slicer_bench.scene
+    mrml_boot.clear(slicer_bench.scene)
+    if errors:
+        raise errors[0]
+
+
+@pytest.fixture
+def vtk_messages(scene):
+    """Function that gives what VTK and MRML have complained of since the test began; Slicer logs that in red."""
+    import vtk
+
+    kept, window = vtk.vtkOutputWindow.GetInstance(), vtk.vtkStringOutputWindow()
+    vtk.vtkOutputWindow.SetInstance(window)
+    yield window.GetOutput
+    vtk.vtkOutputWindow.SetInstance(kept)
+
+
+@pytest.fixture
+def slicer_module(scene):
+    """The module VICRegistration as slicer.modules.vicregistration, loaded from its file."""
+    from slicer_stand_ins.bench import loadModule
+
+    module = loadModule(Path(__file__).resolve().parents[2] / "VICRegistration" / "VICRegistration.py")
+    yield module
+    module.unload()
+
+
+@pytest.fixture
+def recorded(scene):
+    """Modules qt and ctk, and Slicer's widgets, as recorded in a real Slicer; .loop is their event loop."""
+    from recorded_widgets import record
+
+    if not (record.FOLDER / "qt.json").is_file():
+        pytest.skip("there is no folder ../shared/slicer-api, the record of Slicer's widgets, beside the project")
+    from recorded_widgets.install import install
+
+    bench = install()
+    bench.loop.clear()
+    yield bench
+    bench.loop.clear()
+
+
+@pytest.fixture
+def qt(recorded):
+    """The module qt made from the record."""
+    import qt
+
+    return qt
+
+
+@pytest.fixture
+def ctk(recorded):
+    """The module ctk made from the record."""
+    import ctk
+
+    return ctk

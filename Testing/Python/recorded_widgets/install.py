@@ -1,0 +1,50 @@
+"""Fills the modules qt, ctk and slicer with the stand-ins."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from types import SimpleNamespace
+
+from . import base, enums, loop, record
+
+
+@functools.cache
+def install():
+    """Give Python the modules qt and ctk, and slicer its widgets; done once per process.
+
+    Returns
+    -------
+    SimpleNamespace
+        ``load_ui(path)``, ``loop`` and ``classes``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no record.
+    """
+    record.load()
+    from slicer_stand_ins.bench import install as installSlicer
+
+    installSlicer()
+    import slicer
+
+    from . import ctk_buttons, scene_widgets, sliders, tables, things, ui_loader, widgets
+
+    classes = {}
+    for module in (widgets, sliders, tables, things, ctk_buttons, scene_widgets):
+        members = {name: cls for name, cls in vars(module).items() if isinstance(cls, base.RecordedType)}
+        classes.update({name: cls for name, cls in members.items() if name in record.load()})
+    for name, entry in record.load().items():
+        # Those without behaviour of their own are strict all the same.
+        if name not in classes:
+            parent = widgets.QWidget if "setLayout" in entry.members else base.Recorded
+            classes[name] = base.RecordedType(name, (parent,), {})
+    for name, cls in classes.items():
+        setattr(sys.modules[record.load()[name].module], name, cls)
+    for cls in (enums.Qt, enums.QSizePolicy, enums.QEventLoop, things.QApplication):
+        setattr(sys.modules["qt"], cls.__name__, cls)
+    slicer.app.eventLoop = loop.LOOP
+    loader = lambda path: ui_loader.Loader(classes).load(path)  # noqa: E731
+    slicer.util.loadUI = loader
+    return SimpleNamespace(load_ui=loader, loop=loop.LOOP, classes=classes)

@@ -1,0 +1,77 @@
+"""The event loop of the stand-ins: timers in virtual time, which passes as fast as it is asked to."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+
+
+class EventLoop:
+    """Runs what is due, in order of time."""
+
+    def __init__(self):
+        self._queue, self._order, self.now = [], itertools.count(), 0
+
+    def post(self, milliseconds, call):
+        """Have something called later.
+
+        Parameters
+        ----------
+        milliseconds : int
+        call : callable
+
+        Returns
+        -------
+        list
+            The entry; put None in its last place to call it off.
+        """
+        entry = [self.now + max(0, milliseconds), next(self._order), call]
+        heapq.heappush(self._queue, entry)
+        return entry
+
+    def processEvents(self, *arguments):
+        """One round: what is due now, or else what comes next; what is posted meanwhile waits for another round."""
+        self._drop()
+        if self._queue:
+            self._round(max(self.now, self._queue[0][0]))
+
+    def wait(self, milliseconds):
+        """Let a given time pass."""
+        end = self.now + milliseconds
+        while self._drop() and self._queue[0][0] <= end:
+            self._round(self._queue[0][0])
+        self.now = end
+
+    def waitFor(self, condition, rounds=100000):
+        """Process events until a condition holds; AssertionError if nothing is left to wait for."""
+        for _ in range(rounds):
+            if condition():
+                return
+            if not self._drop():
+                break
+            self.processEvents()
+        if not condition():
+            msg = "the condition does not hold, and no timer is waiting" if not self._queue else "it never holds"
+            raise AssertionError(msg)
+
+    def clear(self):
+        """Forget what waits."""
+        self._queue.clear()
+
+    def _drop(self):
+        """Forget what was called off; whether anything waits."""
+        while self._queue and self._queue[0][2] is None:
+            heapq.heappop(self._queue)
+        return bool(self._queue)
+
+    def _round(self, time):
+        self.now = time
+        due = []
+        while self._queue and self._queue[0][0] <= time:
+            due.append(heapq.heappop(self._queue))
+        for entry in due:
+            if entry[2] is not None:
+                entry[2]()
+
+
+LOOP = EventLoop()

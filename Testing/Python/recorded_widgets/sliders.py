@@ -1,0 +1,156 @@
+"""Stand-ins of the widgets that hold numbers: clamped to their range, rounded to their decimals, told once."""
+
+from __future__ import annotations
+
+from .widgets import QWidget
+
+SHOWN = {"enabled": True, "visible": True}
+
+
+class Numbered(QWidget, record=False):
+    """What spin boxes and sliders share. ``_type`` is what a user does."""
+
+    _notify = {"value": "valueChanged"}
+
+    def setRange(self, minimum, maximum):
+        self._set("minimum", minimum)
+        self._set("maximum", maximum)
+
+    def setValueIfDifferent(self, value):
+        self._set("value", value)
+
+    def stepUp(self):
+        self._set("value", self._get("value") + self._get("singleStep"))
+
+    def stepDown(self):
+        self._set("value", self._get("value") - self._get("singleStep"))
+
+    def reset(self):
+        self._set("value", self._get("minimum"))
+
+    def _set_minimum(self, value):
+        self._store("minimum", value)
+        self._store("maximum", max(value, self._get("maximum")))
+        self._set("value", self._get("value"))
+
+    def _set_maximum(self, value):
+        self._store("maximum", value)
+        self._store("minimum", min(value, self._get("minimum")))
+        self._set("value", self._get("value"))
+
+    def _set_decimals(self, value):
+        self._store("decimals", value)
+        self._set("value", self._get("value"))
+
+    def _set_value(self, value):
+        value = min(max(value, self._get("minimum")), self._get("maximum"))
+        if "decimals" in self.record_.properties and self._get("decimals") < 16:
+            value = round(value, self._get("decimals"))
+        if self._store("value", value):
+            self._told(value)
+
+    def _told(self, value):
+        """More signals after valueChanged."""
+
+    def _get_text(self):
+        value, special = self._get("value"), self._get("specialValueText")
+        if special and value == self._get("minimum"):
+            return special
+        return self._get("prefix") + self._get("cleanText") + self._get("suffix")
+
+    def _get_cleanText(self):
+        value = self._get("value")
+        return f"{value:.{self._get('decimals')}f}" if isinstance(value, float) else str(value)
+
+    def _type(self, value):
+        if not self._get("enabled"):
+            msg = f"A user cannot type into {self._get('objectName')}: it is disabled"
+            raise AssertionError(msg)
+        self._set("value", value)
+        if "editingFinished" in self.record_.signals:
+            self._emit("editingFinished")
+
+
+class QSpinBox(Numbered):
+    """Whole numbers, 0 to 99 unless told otherwise."""
+
+    _defaults = {**SHOWN, "maximum": 99, "singleStep": 1}
+
+
+class QDoubleSpinBox(Numbered):
+    """Real numbers, 0 to 99.99 unless told otherwise."""
+
+    _defaults = {**SHOWN, "maximum": 99.99, "singleStep": 1.0, "decimals": 2}
+
+
+class ctkDoubleSpinBox(Numbered):
+    """Real numbers."""
+
+    _defaults = QDoubleSpinBox._defaults
+
+
+class QSlider(Numbered):
+    """Whole numbers."""
+
+    _defaults = {**SHOWN, "maximum": 99, "singleStep": 1}
+
+
+class ctkSliderWidget(Numbered):
+    """Real numbers, with a slider and a spin box."""
+
+    _defaults = {**SHOWN, "maximum": 99.0, "singleStep": 1.0, "decimals": 2, "tracking": True, "spinBoxVisible": True}
+
+
+class ctkRangeWidget(QWidget):
+    """Two numbers, the first not above the second."""
+
+    _defaults = {**SHOWN, "maximum": 99.0, "maximumValue": 99.0, "singleStep": 1.0, "decimals": 2, "tracking": True}
+
+    def setRange(self, minimum, maximum):
+        _checkNumbers(minimum, maximum)
+        if self._values.get("minimum", 0.0) != minimum or self._values.get("maximum", 99.0) != maximum:
+            self._values.update(minimum=float(minimum), maximum=float(maximum))
+            self._emit("rangeChanged", minimum, maximum)
+        self.setValues(self._get("minimumValue"), self._get("maximumValue"))
+
+    def setValues(self, minimumValue, maximumValue):
+        _checkNumbers(minimumValue, maximumValue)
+        low, high = sorted((float(minimumValue), float(maximumValue)))
+        ends = (self._get("minimum"), self._get("maximum"))
+        low, high = (round(min(max(v, ends[0]), ends[1]), self._get("decimals")) for v in (low, high))
+        changed = {"minimumValue": low != self._get("minimumValue"), "maximumValue": high != self._get("maximumValue")}
+        self._values.update(minimumValue=low, maximumValue=high)
+        for name, value in (("minimumValue", low), ("maximumValue", high)):
+            if changed[name]:
+                self._emit(f"{name}Changed", value)
+        if any(changed.values()):
+            self._emit("valuesChanged", low, high)
+
+    def reset(self):
+        self.setValues(self._get("minimum"), self._get("maximum"))
+
+    def _set_minimum(self, value):
+        self.setRange(value, max(value, self._get("maximum")))
+
+    def _set_maximum(self, value):
+        self.setRange(min(value, self._get("minimum")), value)
+
+    def _set_minimumValue(self, value):
+        # As ctk: the other end follows, which is why the order of properties in a .ui file counts.
+        self.setValues(value, max(value, self._get("maximumValue")))
+
+    def _set_maximumValue(self, value):
+        self.setValues(min(value, self._get("minimumValue")), value)
+
+    def _type(self, low, high):
+        """What a user's drag does."""
+        if not self._get("enabled"):
+            msg = f"A user cannot drag {self._get('objectName')}: it is disabled"
+            raise AssertionError(msg)
+        self.setValues(low, high)
+
+
+def _checkNumbers(*values):
+    if not all(isinstance(value, (int, float)) for value in values):
+        msg = f"Could not find matching overload for given arguments: {values}"
+        raise ValueError(msg)

@@ -1,0 +1,373 @@
+"""Stand-ins of Qt's simple widgets and layouts."""
+
+from __future__ import annotations
+
+from .base import Recorded
+
+
+class QWidget(Recorded):
+    """Shown unless it, or what it is in, was hidden; enabled likewise."""
+
+    _defaults = {"enabled": True, "visible": True}
+    _box = None
+
+    def isWidgetType(self):
+        return True
+
+    def layout(self):
+        return self._box
+
+    def setLayout(self, layout):
+        self._box = layout
+        layout._adoptedBy(self)
+        layout._settle(self)
+
+    def show(self):
+        self._set("visible", True)
+
+    def hide(self):
+        self._set("visible", False)
+
+    close = hide
+
+    def setHidden(self, hidden):
+        self._set("visible", not hidden)
+
+    def isHidden(self):
+        return not self._values.get("visible", True)
+
+    def setDisabled(self, disabled):
+        self._set("enabled", not disabled)
+
+    def parentWidget(self):
+        return self._owner
+
+    def window(self):
+        return self if self._owner is None else self._owner.window()
+
+    def addAction(self, action):
+        self._actions = [*self.actions(), action]
+        return action
+
+    def actions(self):
+        return list(getattr(self, "_actions", ())) if "_actions" in self.__dict__ else []
+
+    def setFixedSize(self, *size):
+        """Looks only."""
+
+    def _get_visible(self):
+        owner = self._owner
+        return self._values.get("visible", True) and (
+            not isinstance(owner, QWidget) or (owner._get("visible") and not owner._folded())
+        )
+
+    def _set_visible(self, value):
+        self._values["visible"] = value
+
+    def _get_enabled(self):
+        owner = self._owner
+        return self._values.get("enabled", True) and (not isinstance(owner, QWidget) or owner._get("enabled"))
+
+    def _set_enabled(self, value):
+        self._values["enabled"] = value
+
+    def _folded(self):
+        """Whether it hides what is in it."""
+        return False
+
+    _notify = {"objectName": "objectNameChanged", "windowTitle": "windowTitleChanged"}
+
+
+class Layout(Recorded, record=False):
+    """Holds widgets and layouts in order, and puts widgets into the widget it belongs to."""
+
+    def __init__(self, parent=None):
+        super().__init__()
+        self._entries = []
+        if parent is not None:
+            parent.setLayout(self)
+
+    def addWidget(self, widget, *place):
+        self._add(widget)
+
+    def insertWidget(self, index, widget, *place):
+        self._add(widget, index)
+
+    def addLayout(self, layout, *place):
+        self._add(layout)
+
+    def addRow(self, *entries):
+        for entry in entries:
+            self._add(entry)
+
+    def addStretch(self, stretch=0):
+        self._entries.append(None)
+
+    def addSpacing(self, size):
+        self._entries.append(None)
+
+    def addItem(self, item, *place):
+        self._entries.append(item)
+
+    def removeWidget(self, widget):
+        self._entries.remove(widget)
+
+    def itemAt(self, index):
+        return self._entries[index]
+
+    def removeItem(self, item):
+        self._entries.remove(item)
+
+    def count(self):
+        return len(self._entries)
+
+    def _add(self, entry, index=None):
+        self._entries.insert(len(self._entries) if index is None else index, entry)
+        widget = self._widget()
+        if isinstance(entry, Layout):
+            entry._adoptedBy(self)
+        if widget is not None:
+            self._settle(widget)
+
+    def _widget(self):
+        owner = self._owner
+        return owner._widget() if isinstance(owner, Layout) else owner
+
+    def _settle(self, widget):
+        for entry in self._entries:
+            if isinstance(entry, Layout):
+                entry._settle(widget)
+            elif isinstance(entry, QWidget) and entry._owner is not widget:
+                entry._adoptedBy(widget)
+
+
+class QVBoxLayout(Layout):
+    """One below the other."""
+
+
+class QHBoxLayout(Layout):
+    """One beside the other."""
+
+
+class QFormLayout(Layout):
+    """Labels and fields."""
+
+
+class QGridLayout(Layout):
+    """Rows and columns."""
+
+
+class QLabel(QWidget):
+    """Text."""
+
+    def clear(self):
+        self._set("text", "")
+
+
+class QLineEdit(QWidget):
+    """Text that can be typed; ``_type`` is what a user does."""
+
+    _notify = {"text": "textChanged"}
+
+    def clear(self):
+        self._set("text", "")
+
+    def _type(self, text):
+        if self._store("text", text):
+            self._emit("textEdited", text)
+        self._emit("editingFinished")
+
+
+class Checkable(Recorded, record=False):
+    """What buttons and actions share: text, and being on or off."""
+
+    _notify = {"checked": "toggled"}
+
+    def toggle(self):
+        if self._get("checkable"):
+            self._set("checked", not self._get("checked"))
+
+    def _set_checked(self, value):
+        if self._get("checkable"):
+            self._store("checked", value)
+
+
+class Button(Checkable, QWidget, record=False):
+    """What all buttons share."""
+
+    def click(self):
+        """What a user's click does: nothing on a button that is disabled."""
+        if self._get("enabled"):
+            self._emit("pressed")
+            self._nextState()
+            self._emit("released")
+            self._emit("clicked", self._get("checked"))
+
+    def _nextState(self):
+        self.toggle()
+
+    def setMenu(self, menu):
+        self._menu = menu
+
+    def menu(self):
+        return self.__dict__.get("_menu")
+
+
+class QPushButton(Button):
+    """A button."""
+
+
+class QToolButton(Button):
+    """A small button."""
+
+    def setDefaultAction(self, action):
+        self._action = action
+
+    def defaultAction(self):
+        return self.__dict__.get("_action")
+
+
+class QCheckBox(Button):
+    """A check box."""
+
+    _defaults = {"enabled": True, "visible": True, "checkable": True}
+
+    def checkState(self):
+        return 2 * self._get("checked")
+
+    def setCheckState(self, state):
+        self._set("checked", int(state) == 2)
+
+    def _set_checked(self, value):
+        if self._store("checked", value):
+            self._emit("stateChanged", self.checkState())
+
+
+class QAction(Checkable):
+    """An entry of a menu."""
+
+    def trigger(self):
+        self.toggle()
+        self._emit("triggered", self._get("checked"))
+
+
+class QMenu(QWidget):
+    """Actions, one below the other."""
+
+    def addAction(self, action, handler=None):
+        if isinstance(action, str):
+            action = QAction(action, self)
+        if handler is not None:
+            action._connect("triggered", None, handler)
+        action._connect("triggered", None, lambda: self._emit("triggered", action))
+        return super().addAction(action)
+
+    def addSeparator(self):
+        """Looks only."""
+
+    def clear(self):
+        self._actions = []
+
+    def isEmpty(self):
+        return not self.actions()
+
+
+class QComboBox(QWidget):
+    """Items of which one is current; ``_choose`` is what a user does."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self._items, self._index = [], -1
+
+    def addItem(self, *item):
+        """Add an item: a text, or an icon and a text, and perhaps data."""
+        text, *data = item if isinstance(item[0], str) else item[1:]
+        self._items.append([text, data[0] if data else None])
+        if self._index < 0:
+            self._goTo(0)
+
+    def addItems(self, texts):
+        for text in texts:
+            self.addItem(text)
+
+    def clear(self):
+        self._items.clear()
+        self._goTo(-1)
+
+    def removeItem(self, index):
+        del self._items[index]
+        self._goTo(min(self._index - (index < self._index), len(self._items) - 1))
+
+    def itemText(self, index):
+        return self._items[index][0] if 0 <= index < len(self._items) else ""
+
+    def itemData(self, index, role=256):
+        return self._items[index][1] if 0 <= index < len(self._items) else None
+
+    def setItemData(self, index, data, role=256):
+        if int(role) == 256:
+            self._items[index][1] = data
+
+    def setItemText(self, index, text):
+        self._items[index][0] = text
+
+    def findText(self, text):
+        return next((index for index, item in enumerate(self._items) if item[0] == text), -1)
+
+    def findData(self, data):
+        return next((index for index, item in enumerate(self._items) if item[1] == data), -1)
+
+    def setCurrentText(self, text):
+        self._set("currentText", text)
+
+    def _choose(self, index):
+        if not self._get("enabled"):
+            msg = f"A user cannot choose in {self._get('objectName')}: it is disabled"
+            raise AssertionError(msg)
+        self._goTo(index)
+        self._emit("activated", index, QString=self.itemText(index))
+
+    def _goTo(self, index):
+        index = index if -1 <= index < len(self._items) else -1
+        if index != self._index:
+            self._index = index
+            self._emit("currentIndexChanged", index, QString=self.itemText(index))
+            self._emit("currentTextChanged", self.itemText(index))
+
+    def _get_count(self):
+        return len(self._items)
+
+    def _get_currentIndex(self):
+        return self._index
+
+    def _set_currentIndex(self, value):
+        self._goTo(value)
+
+    def _get_currentText(self):
+        return self.itemText(self._index)
+
+    def _set_currentText(self, value):
+        if self.findText(value) >= 0:
+            self._goTo(self.findText(value))
+
+    def _get_currentData(self):
+        return self.itemData(self._index)
+
+
+class QProgressBar(QWidget):
+    """How far something has come; a value out of its range is ignored."""
+
+    _defaults = {"enabled": True, "visible": True, "maximum": 100, "value": -1, "textVisible": True}
+    _notify = {"value": "valueChanged"}
+
+    def setRange(self, minimum, maximum):
+        self._set("minimum", minimum)
+        self._set("maximum", maximum)
+
+    def reset(self):
+        self._store("value", self._get("minimum") - 1)
+
+    def _set_value(self, value):
+        low, high = self._get("minimum"), self._get("maximum")
+        if low <= value <= high or (low, high) == (0, 0):
+            self._store("value", value)

@@ -1,0 +1,209 @@
+"""Stand-in of the connectors of slicer.parameterNodeWrapper: which widget can show which type, and how."""
+
+from __future__ import annotations
+
+import enum
+import typing
+
+import slicer
+
+from .annotations import Choice, Default, FloatRange, Maximum, Minimum, RangeBounds, WithinRange
+from .values import split
+
+
+class Connector:
+    """Reads and writes the value of a widget."""
+
+    def __init__(self, widget, type_, annotations):
+        self.widget, self.type, self.annotations, self.callback = widget, type_, annotations, None
+        self.prepare()
+
+    def prepare(self):
+        """Set the widget up for the type."""
+
+    def annotation(self, cls):
+        return next((annotation for annotation in self.annotations if isinstance(annotation, cls)), None)
+
+    def changed(self):
+        if self.callback:
+            self.callback()
+
+    def onChanged(self, callback):
+        self.callback = callback
+        if callback is None:
+            getattr(self.widget, self.signal).disconnect(self.changed)
+        else:
+            getattr(self.widget, self.signal).connect(self.changed)
+
+    def read(self):
+        return getattr(self.widget, self.property)
+
+    def write(self, value):
+        setattr(self.widget, self.property, value)
+
+
+class CheckBox(Connector):
+    """bool in a check box."""
+
+    signal, property = "stateChanged", "checked"
+
+
+class CheckableButton(Connector):
+    """bool in a push button."""
+
+    signal, property = "toggled", "checked"
+
+    def prepare(self):
+        self.widget.checkable = True
+
+
+class LineEdit(Connector):
+    """str in a line edit."""
+
+    signal, property = "textChanged", "text"
+
+
+class Label(LineEdit):
+    """str in a label, which nobody can change by hand."""
+
+    def onChanged(self, callback):
+        """A label has no signal."""
+
+
+class WholeNumber(Connector):
+    """int in a spin box or slider of Qt."""
+
+    signal, property = "valueChanged", "value"
+    lowest, highest = -(2**31), 2**31 - 1
+    needBounds = ("QSlider",)
+
+    def prepare(self):
+        within, low, high = (self.annotation(cls) for cls in (WithinRange, Minimum, Maximum))
+        if type(self.widget).__name__ in self.needBounds and within is None and (low is None or high is None):
+            msg = f"Cannot have a connection to {type(self.widget).__name__} where the type is unbounded."
+            raise RuntimeError(msg)
+        self.widget.minimum = within.minimum if within else low.minimum if low else self.lowest
+        self.widget.maximum = within.maximum if within else high.maximum if high else self.highest
+
+
+class RealNumber(WholeNumber):
+    """float or int in a widget for real numbers."""
+
+    lowest, highest = -float("inf"), float("inf")
+    needBounds = ("ctkSliderWidget", "qMRMLSliderWidget")
+
+    def prepare(self):
+        if self.type is int:
+            self.widget.decimals = 0
+        super().prepare()
+
+    def read(self):
+        return self.type(self.widget.value)
+
+
+class Choices(Connector):
+    """One of some values in a combo box."""
+
+    signal = "currentIndexChanged"
+
+    def prepare(self):
+        choice = self.annotation(Choice)
+        if choice is None:
+            msg = "ComboBoxToStringableConnector requires the Choice annotation to be used."
+            raise RuntimeError(msg)
+        self.values = list(choice.choices)
+        self.fill([str(value) for value in self.values])
+
+    def fill(self, labels):
+        self.widget.clear()
+        for label in labels:
+            self.widget.addItem(label)
+
+    def read(self):
+        return self.values[self.widget.currentIndex]
+
+    def write(self, value):
+        if value not in self.values:
+            msg = f"Unable to find value {value} in choices {self.values}"
+            raise ValueError(msg)
+        self.widget.currentIndex = self.values.index(value)
+
+
+class EnumChoices(Choices):
+    """A member of an enum in a combo box, shown by its label() or its name."""
+
+    def prepare(self):
+        self.values = list(self.type)
+        label = getattr(self.type, "label", lambda member: member.name)
+        saved = self.read()
+        self.fill([label(member) for member in self.values])
+        self.write(saved)
+
+
+class RangeEnds(Connector):
+    """FloatRange in a range widget."""
+
+    signal = "valuesChanged"
+
+    def prepare(self):
+        bounds = self.annotation(RangeBounds)
+        if bounds is None:
+            msg = "Cannot have a connection to a range widget where the float is unbounded. Add RangeBounds."
+            raise RuntimeError(msg)
+        if self.annotation(Default) is None:
+            # What Slicer says without a Default inside of Annotated; it means to validate a range here.
+            bounds.validate(0)
+        self.widget.setRange(bounds.minimum, bounds.maximum)
+
+    def read(self):
+        return FloatRange(self.widget.minimumValue, self.widget.maximumValue)
+
+    def write(self, value):
+        self.widget.setValues(value.minimum, value.maximum)
+
+
+class NodeChoice(Connector):
+    """A node in a node selector."""
+
+    signal = "currentNodeChanged"
+
+    def prepare(self):
+        types = [type_ for type_ in _alternatives(self.type) if type_ is not type(None)]
+        self.widget.nodeTypes = tuple(type_().GetClassName() for type_ in types)
+
+    def read(self):
+        return self.widget.currentNode()
+
+    def write(self, value):
+        self.widget.setCurrentNode(value)
+
+
+CONNECTORS = {
+    bool: {"QCheckBox": CheckBox, "QPushButton": CheckableButton},
+    int: {"QSpinBox": WholeNumber, "QSlider": WholeNumber, "QComboBox": Choices},
+    float: {"QComboBox": Choices},
+    str: {"QLineEdit": LineEdit, "QLabel": Label, "QComboBox": Choices},
+    FloatRange: {"ctkRangeWidget": RangeEnds, "qMRMLRangeWidget": RangeEnds},
+}
+for _name in ("QDoubleSpinBox", "ctkSliderWidget", "ctkDoubleSpinBox", "qMRMLSliderWidget"):
+    CONNECTORS[float][_name] = CONNECTORS[int][_name] = RealNumber
+
+
+def connectorFor(widget, hint):
+    """A connector for a widget and a type; RuntimeError if there is none."""
+    type_, annotations = split(hint)
+    widgetName = type(widget).__name__
+    found = CONNECTORS.get(type_, {}).get(widgetName)
+    if isinstance(type_, type) and issubclass(type_, enum.Enum) and widgetName == "QComboBox":
+        found = EnumChoices
+    nodes = (type(None), slicer.vtkMRMLNode)
+    if widgetName == "qMRMLNodeComboBox" and all(issubclass(each, nodes) for each in _alternatives(type_)):
+        found = NodeChoice
+    if found is None:
+        msg = f"Unable to create GUI connector from datatype '{hint}' to widget type '{widgetName}'."
+        raise RuntimeError(msg)
+    return found(widget, type_, annotations)
+
+
+def _alternatives(type_):
+    return typing.get_args(type_) if typing.get_origin(type_) is typing.Union else (type_,)

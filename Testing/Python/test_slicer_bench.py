@@ -1,0 +1,372 @@
+"""The bench that stands in for Slicer: it must behave as Slicer does, and refuse what Slicer refuses."""
+
+from __future__ import annotations
+
+import enum
+from pathlib import Path
+from typing import Annotated, Optional, Union
+
+import numpy as np
+import pytest
+
+slicer = pytest.importorskip("slicer", reason="slicer-core is not installed")
+
+
+class Kind(enum.Enum):
+    """Chosen in a combo box."""
+
+    LIVER = "liver"
+    KIDNEY = "kidney"
+
+
+@pytest.fixture
+def wrapper(scene):
+    """A parameter node wrapper with a parameter of each type in use."""
+    from slicer.parameterNodeWrapper import Default, FloatRange, RangeBounds, WithinRange, parameterNodeWrapper
+
+    def make(node=None):
+        return Parameters(node or scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode"))
+
+    # At run time, for this file can be read without slicer.
+    hints = {
+        "label": str,
+        "color": tuple[float, float, float],
+        "threshold": Annotated[FloatRange, RangeBounds(-1000, 1000), Default(FloatRange(0, 300))],
+        "erosion": Annotated[float, WithinRange(0, 20)],
+        "net": int,
+        "smooth": bool,
+        "kind": Kind,
+        "seeds": Optional[slicer.vtkMRMLMarkupsFiducialNode],
+        "shape": Union[slicer.vtkMRMLModelNode, slicer.vtkMRMLTableNode, None],
+        "organs": list[slicer.vtkMRMLScriptedModuleNode],
+    }
+    defaults = {"label": "organ", "color": (1.0, 0.5, 0.0), "erosion": 2.0, "net": 9, "smooth": True}
+    methods = {"diameter": property(lambda self: 2 * self.erosion)}
+    cls = type("Parameters", (), {"__annotations__": hints, "__module__": __name__, **defaults, **methods})
+    Parameters = parameterNodeWrapper(cls)
+    return make
+
+
+@pytest.fixture
+def events():
+    """Counts the ModifiedEvents of a node."""
+
+    def count(node):
+        seen = []
+        node.AddObserver("ModifiedEvent", lambda *_: seen.append(1))
+        return seen
+
+    return count
+
+
+def segmentOf(volume, mask):
+    """A segmentation with one segment "a" of a volume."""
+    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSegmentationNode", "regions")
+    node.CreateDefaultDisplayNodes()
+    node.SetReferenceImageGeometryParameterFromVolumeNode(volume)
+    node.GetSegmentation().AddEmptySegment("a", "A", [1, 0, 0])
+    slicer.util.updateSegmentBinaryLabelmapFromArray(mask, node, "a", volume)
+    return node
+
+
+# --- the scene -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("visit", [1, 2])
+def test_each_test_starts_with_an_empty_scene(scene, visit):
+    assert not slicer.util.getNodes("left behind*")
+    assert scene.GetNumberOfNodesByClass("vtkMRMLScriptedModuleNode") == 0
+    node = scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode", f"left behind {visit}")
+    node.SetSingletonTag("left")
+
+
+def test_nodes_come_back_from_a_scene_bundle(scene, tmp_path):
+    array = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
+    volume = slicer.util.addVolumeFromArray(array, name="mri")
+    segmentOf(volume, (array > 30).astype(np.uint8))
+    seeds = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "seeds")
+    seeds.AddControlPoint(1, 2, 3)
+    table = scene.AddNewNodeByClass("vtkMRMLTableNode", "table")
+    slicer.util.updateTableFromArray(table, np.eye(3), ["a", "b", "c"])
+    assert slicer.util.saveScene(str(tmp_path / "scene.mrb"))
+    scene.Clear()
+    slicer.util.loadScene(str(tmp_path / "scene.mrb"))
+    volume = slicer.util.getNode("mri")
+    np.testing.assert_array_equal(slicer.util.arrayFromVolume(volume), array)
+    mask = slicer.util.arrayFromSegmentBinaryLabelmap(slicer.util.getNode("regions"), "a", volume)
+    np.testing.assert_array_equal(mask, array > 30)
+    np.testing.assert_array_equal(slicer.util.arrayFromMarkupsControlPoints(slicer.util.getNode("seeds")), [[1, 2, 3]])
+    assert slicer.util.arrayFromTableColumn(slicer.util.getNode("table"), "b").tolist() == [0, 1, 0]
+
+
+def test_saving_a_scene_as_anything_else_is_refused(scene, tmp_path):
+    with pytest.raises(NotImplementedError, match="only save and load scenes as .mrb"):
+        slicer.util.saveScene(str(tmp_path / "scene.mrml"))
+
+
+def test_segments_become_surfaces_and_models_become_segments(scene):
+    array = np.zeros((12, 12, 12), np.uint8)
+    array[3:9, 3:9, 3:9] = 1
+    volume = slicer.util.addVolumeFromArray(array)
+    node = segmentOf(volume, array)
+    assert node.CreateClosedSurfaceRepresentation()
+    import vtk
+
+    model = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    surface = vtk.vtkPolyData()
+    node.GetClosedSurfaceRepresentation("a", surface)
+    model.SetAndObservePolyData(surface)
+    other = scene.AddNewNodeByClass("vtkMRMLSegmentationNode")
+    other.SetReferenceImageGeometryParameterFromVolumeNode(volume)
+    assert slicer.modules.segmentations.logic().ImportModelToSegmentationNode(model, other)
+    back = slicer.util.arrayFromSegmentBinaryLabelmap(other, other.GetSegmentation().GetNthSegmentID(0), volume)
+    # The surface is smoothed: it loses corners and edges of the cube.
+    assert 0.7 * array.sum() < np.count_nonzero(back) <= array.sum()
+
+
+def test_subject_hierarchy_legend_and_colour_tables_are_there(scene):
+    model = scene.AddNewNodeByClass("vtkMRMLModelNode", "surface")
+    model.CreateDefaultDisplayNodes()
+    hierarchy = scene.GetSubjectHierarchyNode()
+    item = hierarchy.GetItemByDataNode(model)
+    assert item != 0
+    hierarchy.SetItemParent(item, hierarchy.CreateFolderItem(hierarchy.GetSceneItemID(), "organs"))
+    assert slicer.modules.colors.logic().AddDefaultColorLegendDisplayNode(model) is not None
+    assert scene.GetNodeByID("vtkMRMLColorTableNodeFileViridis.txt").GetNumberOfColors() == 256
+    scene.RemoveNode(model)
+    assert hierarchy.GetItemByDataNode(model) == 0
+    assert hierarchy.GetItemChildWithName(hierarchy.GetSceneItemID(), "organs") != 0
+
+
+def test_an_error_in_an_observer_reaches_the_test(scene):
+    import sys
+
+    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    node.AddObserver("ModifiedEvent", lambda *_: 1 / 0)
+    seen = []
+    sys.excepthook, kept = lambda kind, error, trace: seen.append(kind), sys.excepthook
+    node.Modified()
+    sys.excepthook = kept
+    assert seen == [ZeroDivisionError]
+
+
+def test_complaints_of_mrml_are_heard(scene, vtk_messages):
+    assert vtk_messages() == ""
+    volume = slicer.util.addVolumeFromArray(np.zeros((2, 2, 2)))
+    segmentOf(volume, np.ones((2, 2, 2), np.uint8)).GetDisplayNode().GetSegmentVisibility("no such")
+    assert "No display properties" in vtk_messages()
+
+
+# --- strictness ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        ("app", "layoutManger"),
+        ("modules", "segmentation"),
+        ("i18n", "gettext"),
+        ("ScriptedLoadableModule", "ScriptedLoadableModuleGui"),
+        ("parameterNodeWrapper", "FloatRnage"),
+    ],
+)
+def test_a_name_that_slicer_does_not_have_is_an_attribute_error(scene, owner, name):
+    with pytest.raises(AttributeError, match=name):
+        getattr(getattr(slicer, owner), name)
+
+
+def test_functions_of_slicer_util_are_there_only(scene):
+    with pytest.raises(AttributeError, match="arrayFromVolume"):
+        slicer.arrayFromVolume  # noqa: B018
+    assert callable(slicer.util.arrayFromVolume)
+
+
+def test_unknown_signals_are_refused(scene):
+    with pytest.raises(AttributeError, match="startupComplete"):
+        slicer.app.connect("startupComplete()", print)
+    with pytest.raises(AttributeError, match="no signal"):
+        slicer.app.moduleManager().connect("moduleUnloaded(QString)", print)
+
+
+def test_a_misspelt_parameter_is_refused(wrapper):
+    with pytest.raises(AttributeError, match="Parameters.*erosionMM"):
+        wrapper().erosionMM = 3
+    with pytest.raises(AttributeError, match="Parameters.*erosionMM"):
+        wrapper().erosionMM  # noqa: B018
+
+
+# --- application -----------------------------------------------------------------------------------------------------
+
+
+def test_the_application_is_in_testing_mode_without_a_window(scene):
+    assert slicer.app.testingEnabled()
+    assert slicer.app.layoutManager() is None
+    assert slicer.util.mainWindow() is None
+    assert slicer.app.applicationLogic().GetInteractionNode().GetScene() is scene
+    with pytest.raises(RuntimeError, match="main window"):
+        slicer.util.selectModule("VICRegistration")
+
+
+def test_sample_data_is_found_by_its_name_and_replaced_by_it(scene):
+    from SampleData import SampleDataLogic
+
+    for downloader in (lambda source: 1, lambda source: 2):
+        SampleDataLogic.registerCustomSampleDataSource(
+            category="Bench", sampleName="bench phantom", uris="local", fileNames="phantom", customDownloader=downloader
+        )
+    source = SampleDataLogic().sourceForSampleName("bench phantom")
+    assert source.customDownloader(source) == 2
+    assert SampleDataLogic().sourceForSampleName("no such") is None
+    with pytest.raises(TypeError, match="uris"):
+        SampleDataLogic.registerCustomSampleDataSource(sampleName="other")
+
+
+def test_the_parameter_node_of_a_logic_is_one_that_outlives_closing_the_scene(scene):
+    from slicer.ScriptedLoadableModule import ScriptedLoadableModuleLogic
+
+    class BenchLogic(ScriptedLoadableModuleLogic):
+        pass
+
+    node = BenchLogic().getParameterNode()
+    assert node.GetAttribute("ModuleName") == "Bench"
+    scene.Clear()
+    assert BenchLogic().getParameterNode() is node
+    assert node.GetAttribute("ModuleName") == "Bench"
+
+
+def test_the_module_is_loaded_with_title_and_self_test(slicer_module):
+    assert slicer.util.modulePath("VICRegistration") == slicer_module.path
+    assert slicer.modules.VICRegistrationInstance.parent.title
+    assert "VICRegistration" in slicer.selfTests
+    icon = slicer.modules.VICRegistrationInstance.resourcePath("Icons/VICRegistration.png")
+    assert Path(icon).is_file()
+
+
+# --- parameters ------------------------------------------------------------------------------------------------------
+
+
+def test_parameters_start_with_their_defaults(wrapper):
+    p = wrapper()
+    assert (p.label, p.color, p.erosion, p.net, p.smooth) == ("organ", (1.0, 0.5, 0.0), 2.0, 9, True)
+    assert (p.threshold.minimum, p.threshold.maximum) == (0, 300)
+    assert (p.kind, p.seeds, p.shape, list(p.organs)) == (Kind.LIVER, None, None, [])
+    assert p.diameter == 4.0
+
+
+def test_a_second_wrapper_of_the_node_sees_the_values(wrapper, scene):
+    p = wrapper()
+    seeds = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    p.seeds, p.kind, p.erosion, p.threshold.maximum, p.organs = seeds, Kind.KIDNEY, 3, 40, [p.parameterNode]
+    q = wrapper(p.parameterNode)
+    assert (q.seeds, q.kind, q.erosion, q.threshold.maximum) == (seeds, Kind.KIDNEY, 3.0, 40)
+    assert q.organs == [p.parameterNode]
+    assert p.parameterNode.GetParameter("kind") == "KIDNEY"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        ("erosion", np.float32(3), TypeError),
+        ("erosion", 20.5, ValueError),
+        ("erosion", None, ValueError),
+        ("erosion", float("nan"), ValueError),
+        ("net", np.int64(3), TypeError),
+        ("net", 3.0, TypeError),
+        ("smooth", 1, TypeError),
+        ("label", None, ValueError),
+        ("color", (1.0, 0.0), ValueError),
+        ("color", (np.float32(1), 0.0, 0.0), TypeError),
+        ("kind", "KIDNEY", TypeError),
+        ("threshold", None, ValueError),
+        ("seeds", "node", TypeError),
+        ("organs", [3], TypeError),
+    ],
+)
+def test_values_of_a_wrong_type_or_size_are_refused(wrapper, name, value, error):
+    p = wrapper()
+    before = getattr(p, name)
+    with pytest.raises(error):
+        setattr(p, name, value)
+    assert getattr(p, name) == before
+
+
+def test_a_node_of_a_wrong_class_is_refused(wrapper, scene):
+    p, volume = wrapper(), scene.AddNewNodeByClass("vtkMRMLScalarVolumeNode")
+    for name in ("seeds", "shape"):
+        with pytest.raises(TypeError):
+            setattr(p, name, volume)
+    table = scene.AddNewNodeByClass("vtkMRMLTableNode")
+    p.shape = table
+    assert p.shape is table
+
+
+def test_a_change_gives_one_event_and_none_without_change(wrapper, events):
+    p = wrapper()
+    seen = events(p.parameterNode)
+    p.erosion = 5.0
+    assert len(seen) == 1
+    p.erosion = 5.0
+    assert len(seen) == 1
+    p.color = (0.1, 0.2, 0.3)
+    assert len(seen) == 2
+    p.organs.append(p.parameterNode)
+    assert len(seen) == 3
+    with slicer.util.NodeModify(p):
+        p.erosion, p.net, p.smooth = 6.0, 7, False
+    assert len(seen) == 4
+
+
+def test_removed_nodes_become_none(wrapper, scene):
+    p, seeds = wrapper(), scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
+    organ = scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode")
+    p.seeds, p.organs = seeds, [organ]
+    scene.RemoveNode(seeds)
+    scene.RemoveNode(organ)
+    assert p.seeds is None
+    assert list(p.organs) == [None]
+
+
+def test_text_that_does_not_parse_is_refused_and_a_number_out_of_range_is_not(wrapper, scene):
+    node = scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode")
+    node.SetParameter("kind", "SPLEEN")
+    with pytest.raises(ValueError, match="SPLEEN"):
+        wrapper(node)
+    node.SetParameter("kind", "LIVER")
+    node.SetParameter("erosion", "99")
+    assert wrapper(node).erosion == 99
+
+
+def test_a_bound_for_a_range_stops_only_what_slicer_stops(wrapper):
+    from slicer.parameterNodeWrapper import FloatRange
+
+    p = wrapper()
+    with pytest.raises(ValueError, match="RangeBounds"):
+        p.threshold = FloatRange(-2000, 5)
+    p.threshold = FloatRange(0, 5000)
+    assert p.threshold.maximum == 5000
+    with pytest.raises(ValueError, match="minimum <= maximum"):
+        p.threshold.minimum = 6000
+
+
+def test_types_that_cannot_be_kept_are_refused_when_the_class_is_made(scene):
+    from slicer.parameterNodeWrapper import parameterNodeWrapper
+
+    for hint in (np.ndarray, bytes, set):
+        with pytest.raises(Exception, match="Unable to create serializer"):
+            parameterNodeWrapper(type("Parameters", (), {"__annotations__": {"value": hint}}))
+
+
+def test_a_tuple_without_a_default_works_for_one_node_only(scene):
+    from slicer.parameterNodeWrapper import parameterNodeWrapper
+
+    cls = parameterNodeWrapper(type("Parameters", (), {"__annotations__": {"color": tuple[float, float, float]}}))
+    assert cls(scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode")).color == (0, 0, 0)
+    with pytest.raises(ValueError, match="tuple values"):
+        cls(scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode"))
+
+
+def test_a_reserved_name_is_refused(scene):
+    from slicer.parameterNodeWrapper import parameterNodeWrapper
+
+    with pytest.raises(ValueError, match="reserved name 'getValue'"):
+        parameterNodeWrapper(type("Parameters", (), {"__annotations__": {"getValue": int}}))
