@@ -172,6 +172,9 @@ def _further_starts(samples: _Samples, points, distances, first_block, starts):
 
 def _descend(surface: BSplineSurface, targets, start, max_iterations):
     """Damped Newton iteration from given parameters: final parameters (n, 2) and squared distances (n,)."""
+    # Of few points none may have another part of the surface near enough to start from.
+    if not len(targets):
+        return start, np.zeros(0)
     track = _Track(surface)
     result = track.turned_at_poles(np.array(start), targets)
     active = np.arange(len(targets))

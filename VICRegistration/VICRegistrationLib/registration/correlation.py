@@ -20,6 +20,8 @@ from .levels import PROBE_DEPTHS, Levels
 
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
+# The same for degrees of freedom, where they are fewer than the control points.
+_DENSE_DOF = 200
 # Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
 _KEPT_MOTIONS = 8
 # How much more the surface is held where its edge is weak.
@@ -133,11 +135,12 @@ class Correlation:
         The profile's ramp from 1 (inside) to 0 (outside) at these depths.
     levels : Levels
         Grey levels inside and outside and the width of the ramp, given or estimated from the image.
+    sparse : bool, optional
+        Whether to use sparse matrices; for large control nets if not given.
 
     Attributes
     ----------
     sparse : bool
-        Whether the control net is large enough for sparse matrices.
 
     Notes
     -----
@@ -155,6 +158,7 @@ class Correlation:
         depths: np.ndarray,
         ramp: np.ndarray,
         levels: Levels,
+        sparse: bool | None = None,
     ):
         self.sampler = sampler
         self.parametrization = parametrization
@@ -164,14 +168,49 @@ class Correlation:
         self.levels = levels
         flat = parametrization.surface.control_net.reshape(-1, 3)
         self._start = tuple(basis @ flat for basis in grid.bases[:3])
-        self.sparse = len(flat) > _DENSE_LIMIT
+        self.sparse = len(flat) > _DENSE_LIMIT if sparse is None else sparse
         motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
         self._motion = tuple(zip(*motions))
         # Coordinates that move alike are computed at once.
         self._alike = all(motion is motions[0] for motion in motions)
         self._held = None
+        self._settled = False
         self._shift = None
         self._reading = None
+
+    def restricted(self, parametrization: Parametrization, lines: np.ndarray, *, share: np.ndarray) -> Correlation:
+        """Compare on some of the lines only, with the levels held now for good.
+
+        Parameters
+        ----------
+        parametrization : Parametrization
+            Another way to deform the same surface.
+        lines : (n_lines,) ndarray of int
+            Which lines of the grid, in its order.
+        share : (n_lines,) ndarray
+            What each keeps of its weight.
+
+        Returns
+        -------
+        Correlation
+            Its levels are not estimated again: neither lines nor surroundings are those of a whole organ.
+        """
+        grid = SampleGrid((len(lines), 1), tuple(basis[lines] for basis in self.grid.bases))
+        part = Correlation(
+            self.sampler,
+            parametrization,
+            grid,
+            depths=self.depths,
+            ramp=self.ramp,
+            levels=self.levels,
+            sparse=parametrization.n_dof > _DENSE_DOF,
+        )
+        held = self._held
+        part._held = _Held(
+            held.offsets[lines], held.inside[lines], held.outside[lines], held.contrast, share * held.weight[lines]
+        )
+        part._settled = True
+        return part
 
     def frame(self, q: np.ndarray) -> Frame:
         """Points, tangents and normals at the samples for degrees of freedom (n_dof,)."""
@@ -193,6 +232,8 @@ class Correlation:
 
     def refresh(self, q: np.ndarray) -> None:
         """Bring levels, ramp widths and area weights up to date with the surface at q."""
+        if self._settled:
+            return
         frame = self.frame(q)
         width = self.levels.width
         if self._shift is None:
@@ -200,7 +241,9 @@ class Correlation:
         shift = self._shift
         weight = frame.length / frame.length.sum()
         if self.levels.adaptive:
-            offsets = shift[:, None] + width * PROBE_DEPTHS
+            # As published, the surface lies at the inner foot of the ramp and not in its middle.
+            middle = (self.depths[0] + self.depths[-1]) / 2.0
+            offsets = shift[:, None] + width * (PROBE_DEPTHS + middle)
             probes = self.sampler.values(_along_normals(frame, offsets))
             inside, outside = self.levels.estimate(*probes, frame.normals, frame.length, self.grid.shape)
             weight = weight * self.levels.credibility(*probes, inside, outside)

@@ -35,14 +35,14 @@ def warnings_about(image: Image, fit: OrganFit) -> list[str]:
         for problem in fit.problems
     ]
     if not fit.converged:
-        last = fit.history[-1]
+        last = next(step for step in reversed(fit.history) if step.stopped_by and not step.converged)
         why = (
             "because no further step lowered the cost"
             if last.stopped_by == "no better point"
             else f"while the surface still moved by {last.displacement:.2g} mm"
         )
         sentences.append(
-            f"The fit stopped after {last.iteration} iterations of its last stage, {why}; look at the contour."
+            f"The fit stopped after {last.iteration} iterations of its stage {last.stage}, {why}; look at the contour."
         )
     region = [] if fit.region is None else warnings_about_region(image, fit.region)
     return [*sentences, *region, *_warnings_about_fit(fit)]

@@ -1,7 +1,9 @@
 """The organ recipe: from a separated region to one B-spline surface fitted to the grey levels.
 
 Generic model placed by moments -> global scaling -> local registration on the region -> local registration on the grey
-levels. Everything happens in the frame of the organ's principal axes, so that the result depends neither on how the
+levels. Last, boundary points pull it where a doctor knows better.
+
+Everything but that happens in the frame of the organ's principal axes, so that the result depends neither on how the
 volume lies in the world nor on the order of its axes in memory.
 """
 
@@ -14,13 +16,18 @@ from functools import cached_property
 
 import numpy as np
 
+from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
+from .boundary import checked_boundary_points
+from .correction import correct
+from .correlation import Correlation, SampleGrid
+from .nets import closure_of, grid_shape, net_of
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
-from .plan import generic_model, machinery, plan
+from .plan import generic_model, machinery, plan, surface_stages
 from .stages import Step, run_stage
 
 
@@ -32,29 +39,37 @@ class OrganFit:
     ----------
     surface : BSplineSurface
         RAS mm, outward normals.
-    region : Region
-        The separated region it started from.
+    region : Region or None
+        The separated region it started from; None after :func:`refit` without one.
     history : tuple of Step
         All iterations.
     converged : bool
-        Whether the last stage met its stop rule.
+        Whether the last stage on the grey levels met its stop rule, and that of the boundary points if there were any.
     cost_initial, cost_final : float
-        Cost of the generic model as placed, seen with the levels of the last stage, and of the last step: mean squared
-        residual in units of the contrast between inside and outside.
+        Cost of the generic model as placed (of the given surface after :func:`refit`), seen with the levels of the last
+        stage on the grey levels, and of the last step: mean squared residual in units of the contrast between inside
+        and outside.
     seconds : float
-        Time from the separated region to the surface.
+        Time from the separated region or the given surface to the surface.
     options : FitOptions
-        As used, with automatic choices filled in.
+        As used, with automatic choices filled in. ``net`` is that of `surface`: finer than asked for where boundary
+        points needed it.
+    boundary_points : (n, 3) ndarray
+        The points that pulled the surface, RAS mm; none without points or with weight 0.
+    uncorrected : BSplineSurface
+        The surface before the boundary points pulled it: to start from when one of them is taken back.
     """
 
     surface: BSplineSurface
-    region: Region
+    region: Region | None
     history: tuple[Step, ...]
     converged: bool
     cost_initial: float
     cost_final: float
     seconds: float
     options: FitOptions
+    boundary_points: np.ndarray
+    uncorrected: BSplineSurface
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
@@ -67,7 +82,9 @@ class OrganFit:
         return len(self.history)
 
 
-def fit_organ(image: Image, seeds: np.ndarray, options: FitOptions | None = None) -> Generator[Step, None, OrganFit]:
+def fit_organ(
+    image: Image, seeds: np.ndarray, options: FitOptions | None = None, *, boundary_points: np.ndarray | None = None
+) -> Generator[Step, None, OrganFit]:
     """Separate an organ and fit a surface to it, step by step.
 
     Parameters
@@ -76,6 +93,8 @@ def fit_organ(image: Image, seeds: np.ndarray, options: FitOptions | None = None
     seeds : (n, 3) array_like
         Points inside the organ, RAS mm.
     options : FitOptions, optional
+    boundary_points : (n, 3) array_like, optional
+        As in :func:`fit_region`.
 
     Yields
     ------
@@ -89,14 +108,17 @@ def fit_organ(image: Image, seeds: np.ndarray, options: FitOptions | None = None
     Raises
     ------
     ValueError
-        If the organ cannot be separated.
+        If the organ cannot be separated, or a boundary point cannot be used.
     """
     options = options or FitOptions()
-    region = separate(image, seeds, threshold=options.threshold, erosion=options.erosion)
-    return (yield from fit_region(image, region, options))
+    points = checked_boundary_points(boundary_points)
+    region = separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
+    return (yield from fit_region(image, region, options, boundary_points=points))
 
 
-def fit_region(image: Image, region: Region, options: FitOptions | None = None) -> Generator[Step, None, OrganFit]:
+def fit_region(
+    image: Image, region: Region, options: FitOptions | None = None, *, boundary_points: np.ndarray | None = None
+) -> Generator[Step, None, OrganFit]:
     """Fit a surface to a separated region and then to the grey levels, step by step.
 
     Parameters
@@ -106,6 +128,9 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
     region : Region
         The separated organ, on the image's grid.
     options : FitOptions, optional
+    boundary_points : (n, 3) array_like, optional
+        Where the wall is known to be, RAS mm. After the fit they pull the surface in their surroundings, see
+        :mod:`.correction`; the net becomes finer for it.
 
     Yields
     ------
@@ -118,10 +143,12 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
     Raises
     ------
     ValueError
-        If the region is too thin for a surface or does not lie on the image's grid.
+        If the region is too thin for a surface or does not lie on the image's grid, or a boundary point is not finite
+        or more than 30 mm away from the fitted surface.
     """
     start = time.perf_counter()
     _check_grid(image, region)
+    points = checked_boundary_points(boundary_points)
     options = _resolved(options or FitOptions(), image, region)
     pose = moments(region)
     _check_thickness(pose, options)
@@ -137,18 +164,113 @@ def fit_region(image: Image, region: Region, options: FitOptions | None = None) 
             history.append(step)
             yield step
     # The model as the last stage sees it, with the levels found at its end: to be compared with the last step's cost.
-    final = stage.correlation(closed.at(surface), grid)
-    final.refresh(np.zeros(closed.n_dof))
-    model_cost = final.sample(final.parametrization.fit(model.control_net)).cost
+    cost = _cost_of(model, stage.correlation(closed.at(surface), grid))
+    uncorrected = history[-1].surface
+    corrected = yield from _corrected(image, uncorrected, points, options)
+    return _result(uncorrected, history, corrected, points, options, region=region, cost_initial=cost, start=start)
+
+
+def refit(
+    image: Image,
+    surface: BSplineSurface,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    region: Region | None = None,
+) -> Generator[Step, None, OrganFit]:
+    """Fit a surface again that is there already, step by step.
+
+    Without boundary points, the whole surface is fitted to the grey levels. With boundary points, they pull the surface
+    in their surroundings, see :mod:`.correction`, and everything else stays where it is: what earlier points did too.
+    To take a point back, start from `OrganFit.uncorrected` with those that are left.
+
+    Parameters
+    ----------
+    image : Image
+        The grey levels.
+    surface : BSplineSurface
+        A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options.
+    options : FitOptions, optional
+    boundary_points : (n, 3) array_like, optional
+        Where the wall is known to be, RAS mm.
+    region : Region, optional
+        What the surface was fitted to before; it is only handed on.
+
+    Yields
+    ------
+    Step
+
+    Returns
+    -------
+    OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the surface is no closed organ or lies outside of the volume, or a boundary point is not finite or more than
+        30 mm away from the surface.
+    """
+    start = time.perf_counter()
+    points = checked_boundary_points(boundary_points)
+    closure = closure_of(surface)
+    options = replace(options or FitOptions(), closure=closure, net=net_of(surface, closure))
+    options = _resolved(options, image, region)
+    closed = closed_organ_parametrization(surface, closure=closure)
+    grid = SampleGrid.on(surface, grid_shape(options.net))
+    coarse, fine, _ = surface_stages(image, surface, points[:0], options)
+    history: list[Step] = []
+    reached = surface
+    for stage in () if _count(points, options) else (coarse, fine):
+        for step in run_stage(stage, closed.at(reached), grid):
+            reached = step.surface
+            history.append(step)
+            yield step
+    cost = _cost_of(surface, fine.correlation(closed.at(reached), grid))
+    corrected = yield from _corrected(image, reached, points, options)
+    return _result(reached, history, corrected, points, options, region=region, cost_initial=cost, start=start)
+
+
+def _count(points: np.ndarray, options: FitOptions) -> bool:
+    """Whether there are boundary points that count."""
+    return len(points) > 0 and options.boundary_weight > 0.0
+
+
+def _cost_of(surface: BSplineSurface, correlation: Correlation) -> float:
+    """Cost of a surface as a correlation sees it, with the levels found along the surface from which that starts."""
+    closed = correlation.parametrization
+    correlation.refresh(np.zeros(closed.n_dof))
+    return correlation.sample(closed.fit(surface.control_net)).cost
+
+
+def _corrected(
+    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions
+) -> Generator[Step, None, list[Step]]:
+    """Pull a surface to the boundary points, if there are any that count; returns the steps."""
+    if not _count(points, options):
+        return []
+    *_, stage = surface_stages(image, surface, points, options)
+    steps = []
+    for step in correct(surface, points, stage, closure=options.closure, weight=options.boundary_weight):
+        steps.append(step)
+        yield step
+    return steps
+
+
+def _result(uncorrected, history, correction, points, options, *, region, cost_initial, start) -> OrganFit:
+    """Put together what came out."""
+    steps = (*history, *correction)
+    surface = steps[-1].surface
     return OrganFit(
-        surface=history[-1].surface,
+        surface=surface,
         region=region,
-        history=tuple(history),
-        converged=history[-1].converged,
-        cost_initial=model_cost,
-        cost_final=history[-1].cost,
+        history=steps,
+        converged=all(part[-1].converged for part in (history, correction) if part),
+        cost_initial=cost_initial,
+        cost_final=steps[-1].cost,
         seconds=time.perf_counter() - start,
-        options=options,
+        options=replace(options, net=net_of(surface, options.closure)),
+        boundary_points=points if _count(points, options) else points[:0],
+        uncorrected=uncorrected,
     )
 
 
@@ -176,11 +298,11 @@ def _check_thickness(pose: Moments, options: FitOptions) -> None:
         raise ValueError(msg)
 
 
-def _resolved(options: FitOptions, image: Image, region: Region) -> FitOptions:
+def _resolved(options: FitOptions, image: Image, region: Region | None) -> FitOptions:
     """Fill in the automatic choices."""
     return replace(
         options,
-        threshold=region.threshold,
+        threshold=options.threshold if region is None else region.threshold,
         tau=options.tau or TAU_PIXELS * float(min(image.spacing)),
         max_iterations=options.max_iterations or MAX_ITERATIONS[options.solver],
     )
@@ -192,7 +314,7 @@ def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None)
     Parameters
     ----------
     steps : generator
-        From :func:`fit_organ` or :func:`fit_region`.
+        From :func:`fit_organ`, :func:`fit_region` or :func:`refit`.
     on_step : callable, optional
         Called with every :class:`Step`.
 

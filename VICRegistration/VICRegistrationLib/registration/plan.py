@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..imaging.moments import Moments
 from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
 from .correlation import SampleGrid
-from .levels import Levels
+from .levels import PROBE_DEPTHS, Levels
+from .nets import grid_shape
 from .options import FitOptions
 from .region_image import RegionImage, region_image
 from .stages import Stage
@@ -34,6 +36,8 @@ REGION_BENDING = 100.0
 # region, which the grey levels will correct anyway.
 COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
+# Largest displacement of a control point at which the surface has come to its boundary points, mm.
+BOUNDARY_TOLERANCE = 0.02
 
 
 def generic_model(pose: Moments, options: FitOptions) -> BSplineSurface:
@@ -51,13 +55,7 @@ def machinery(net: tuple[int, int], closure: str) -> tuple[Parametrization, Samp
     Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all.
     """
     model = models.closed_organ(net, closure=closure)
-    return closed_organ_parametrization(model, closure=closure), SampleGrid.on(model, _grid_shape(net))
-
-
-def _grid_shape(net: tuple[int, int]) -> tuple[int, int]:
-    """Count the samples around the tube and from pole to pole: three to a span, two where there are very many."""
-    around, along = net[0] - 1, net[1] - 3
-    return max(3 * min(around, 16), 2 * around, 24), max(3 * min(along, 16), 2 * along, 12)
+    return closed_organ_parametrization(model, closure=closure), SampleGrid.on(model, grid_shape(net))
 
 
 def plan(
@@ -68,8 +66,7 @@ def plan(
     def scaling(surface: BSplineSurface) -> Parametrization:
         return affine(surface, free="scaling", center=np.zeros(3))
 
-    # Gradient descent takes many small steps: it may not stop at the first small one.
-    patience = 1.0 if options.solver == "gauss-newton" else 0.05
+    patience, patience_cost = _patience(options)
     common = {"solver": options.solver, "max_iterations": options.max_iterations}
     target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
     far = {
@@ -77,7 +74,7 @@ def plan(
         "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
         "ramp": "linear",
         "n_depths": 3,
-        "cost_tolerance": patience * REGION_COST_TOLERANCE,
+        "cost_tolerance": patience_cost * REGION_COST_TOLERANCE,
         "sliding": SLIDING,
         **common,
     }
@@ -88,8 +85,33 @@ def plan(
     sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
     inside, outside = _starting_levels(target, sampler, options)
     voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
-    for name, widening, loosening in (("grey levels, coarse", 1.5, 3.0), ("grey levels, fine", 1.0, 1.0)):
-        stage = Stage(
+    for stage in grey_level_stages(sampler, inside, outside, voxel, options):
+        yield stage, closed.at
+
+
+def grey_level_stages(
+    sampler: Sampler, inside: float, outside: float, voxel: np.ndarray, options: FitOptions
+) -> tuple[Stage, Stage]:
+    """Plan the stages on the grey levels, coarse and fine.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The grey levels around the organ, in the frame of the surface.
+    inside, outside : float
+        Levels to start with.
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel in that frame, mm.
+    options : FitOptions
+        With automatic choices filled in.
+
+    Returns
+    -------
+    two Stage
+    """
+    patience, patience_cost = _patience(options)
+    coarse, fine = (
+        Stage(
             name,
             sampler,
             Levels(inside, outside, widening * options.tau, mode=options.levels, voxel=voxel),
@@ -100,10 +122,82 @@ def plan(
             sliding=SLIDING,
             anchor=ANCHOR,
             tolerance=patience * loosening * options.tolerance,
-            cost_tolerance=patience * loosening * COST_TOLERANCE,
-            **common,
+            cost_tolerance=patience_cost * loosening * COST_TOLERANCE,
+            solver=options.solver,
+            max_iterations=options.max_iterations,
         )
-        yield stage, closed.at
+        for name, widening, loosening in (("grey levels, coarse", 1.5, 3.0), ("grey levels, fine", 1.0, 1.0))
+    )
+    return coarse, fine
+
+
+def surface_stages(
+    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions
+) -> tuple[Stage, Stage, Stage]:
+    """Plan the stages for a surface that is there already: grey levels, coarse and fine, and boundary points.
+
+    Parameters
+    ----------
+    image : Image
+    surface : BSplineSurface
+        RAS mm.
+    points : (n, 3) ndarray
+        Boundary points, RAS mm.
+    options : FitOptions
+        With automatic choices filled in.
+
+    Returns
+    -------
+    three Stage
+
+    Raises
+    ------
+    ValueError
+        If the surface lies outside of the volume.
+    """
+    sampler = Sampler(
+        _crop_around(image, np.concatenate([surface.control_net.reshape(-1, 3), points]), 4.0 * options.tau)
+    )
+    inside, outside = _levels_beside(surface, sampler, options)
+    coarse, fine = grey_level_stages(sampler, inside, outside, image.ijk_to_ras[:3, :3], options)
+    rules = {"solver": "gauss-newton", "tolerance": BOUNDARY_TOLERANCE, "cost_tolerance": 0.0}
+    return coarse, fine, replace(fine, name="boundary points", **rules)
+
+
+def _crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
+    """Cut out the image around points, (n, 3) RAS mm."""
+    reach = margin / image.spacing
+    ijk = image.to_ijk(points)
+    start = np.clip(np.floor(ijk.min(axis=0) - reach), 0, image.size - 2).astype(int)
+    stop = np.clip(np.ceil(ijk.max(axis=0) + reach) + 1, start + 2, image.size).astype(int)
+    return image.crop(start[::-1], stop[::-1])
+
+
+def _levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
+    if options.levels == "given":
+        return options.inside, options.outside
+    (u_low, u_high), (v_low, v_high) = surface.domain
+    # Midpoints, so that poles are not hit.
+    u, v = (part.ravel() for part in np.meshgrid((np.arange(24) + 0.5) / 24.0, (np.arange(16) + 0.5) / 16.0))
+    u, v = u_low + (u_high - u_low) * u, v_low + (v_high - v_low) * v
+    points, normals = surface.points(u, v), surface.normals(u, v)
+    medians = []
+    for depths in (PROBE_DEPTHS[PROBE_DEPTHS <= -1.0], PROBE_DEPTHS[PROBE_DEPTHS >= 0.375]):
+        values, valid = sampler.values(points[:, None] + options.tau * depths[:, None] * normals[:, None])
+        if not valid.any():
+            msg = "The surface lies outside of the volume; choose the volume that it was fitted in."
+            raise ValueError(msg)
+        medians.append(float(np.median(values[valid])))
+    return medians[0], medians[1]
+
+
+def _patience(options: FitOptions) -> tuple[float, float]:
+    """Factors for the tolerances of displacement and cost; with 0 the cost does not stop a stage."""
+    if options.stopping == "published":
+        return 1.0, 0.0
+    # Gradient descent takes many small steps and may not stop at the first small one.
+    return (1.0, 1.0) if options.solver == "gauss-newton" else (0.05, 0.05)
 
 
 def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margin: float) -> Image:

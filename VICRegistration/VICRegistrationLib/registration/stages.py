@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,16 +147,35 @@ def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) 
     correlation = stage.correlation(parametrization, grid)
     objective = Objective(correlation, stiffness=_stiffness(stage, correlation))
     q = np.zeros(parametrization.n_dof)
+    for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
+        q = iterate.q
+        surface = parametrization.deform(q)
+        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, stopped_by)
+    return q
+
+
+def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate, str]]:
+    """Minimise an objective by a stage's solver and stop rules, from q = 0.
+
+    Parameters
+    ----------
+    stage : Stage
+    objective : Objective
+
+    Yields
+    ------
+    iterate : Iterate
+    stopped_by : str
+        Why the stage ends here, see :class:`Step`; empty before its end.
+    """
+    q = np.zeros(objective.correlation.parametrization.n_dof)
     iterates = SOLVERS[stage.solver](objective, q, largest_step=stage.largest_step)
     for iteration in range(1, stage.max_iterations + 1):
         iterate = next(iterates)
-        q = iterate.q
         stopped_by = _stopped_by(stage, iterate) or ("iterations" if iteration == stage.max_iterations else "")
-        surface = parametrization.deform(q)
-        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, stopped_by)
+        yield iterate, stopped_by
         if stopped_by:
-            break
-    return q
+            return
 
 
 def _stopped_by(stage: Stage, iterate: Iterate) -> str:
