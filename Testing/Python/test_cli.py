@@ -153,6 +153,37 @@ def test_options_reach_the_fit(image_path, tmp_path):
     assert read_surface_record(tmp_path / "b.json").surface.control_net.shape[:2] == (11, 8)
 
 
+def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
+    # The organ's wall lies 14 mm to the right of its centre.
+    words = ("--boundary", f"{CENTER[0] + 18.0},8,-20", "--boundary=-12,8,3", "--erosion", "2", "--dilation", "1.2")
+    common = ("--organ", "b", "--seed", SEED, "--output", tmp_path, "--no-pictures", "--quiet")
+    assert fit(image_path, *common, *words) == 0
+    organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
+    assert organ["boundary"] == [[6.0, 8.0, -20.0], [-12.0, 8.0, 3.0]]
+    np.testing.assert_allclose(organ["boundary_deviation_mm"], 0.0, atol=0.2)
+    assert organ["options"]["dilation"] == 1.2
+    assert organ["separated_volume_ml"] < 0.98 * ELLIPSOID_ML
+    record = read_surface_record(tmp_path / "b.json")
+    assert organ["net"] == record.net != "9x7"
+    with (tmp_path / "b_convergence.csv").open(newline="") as file:
+        assert [row["stage"] for row in csv.DictReader(file)][-1] == "boundary points"
+
+
+def test_without_boundary_points_the_report_has_none(report):
+    assert not [key for key in report["organs"]["bladder"] if "boundary" in key]
+
+
+def test_boundary_points_and_a_dilation_come_from_a_configuration(image_path, tmp_path, config):
+    path = config(
+        {"organ": "one", "seed": CENTER.tolist(), "boundary": [4.0, 8.0, -20.0], "dilation": 1},
+        {"organ": "two", "seed": CENTER.tolist(), "boundary": [[4.0, 8.0, -20.0], [-12.0, 8.0, 4.0]]},
+    )
+    assert fit(image_path, "--config", path, "--dilation", "3", "--output", tmp_path, "--no-pictures", "--quiet") == 0
+    organs = json.loads((tmp_path / "report.json").read_text())["organs"]
+    assert {name: len(organ["boundary_deviation_mm"]) for name, organ in organs.items()} == {"one": 1, "two": 2}
+    assert {name: organ["options"]["dilation"] for name, organ in organs.items()} == {"one": 1.0, "two": 3.0}
+
+
 def test_several_organs_come_from_a_configuration(image_path, tmp_path, config):
     path = config(
         {"organ": "one", "seed": CENTER.tolist()},
@@ -209,7 +240,9 @@ def test_older_pictures_of_the_same_organs_do_not_stay(image_path, tmp_path):
     "words", [["--seed", "-3,10,5"], ["--seed=-3,10,5"], ["--seed", "-3, 10, 5"], ["--seed", "-.3e1,10,5"]]
 )
 def test_a_seed_may_begin_with_a_minus_sign(words):
-    options = parsed_arguments(["fit", "image.nii", "--organ", "b", *words, "--threshold", "-5,7"])
+    boundary = ["--boundary", "-1,2,3"]
+    options = parsed_arguments(["fit", "image.nii", "--organ", "b", *words, "--threshold", "-5,7", *boundary])
+    assert options.boundary == [(-1.0, 2.0, 3.0)]
     assert options.seed == [(-3.0, 10.0, 5.0)]
     assert options.threshold == (-5.0, 7.0)
 

@@ -1,4 +1,4 @@
-"""VTP and STL files lie in place in Slicer, and a VTP file gives the surface back."""
+"""VTP, STL and PLY files lie in place in Slicer, and a VTP file gives the surface back."""
 
 from __future__ import annotations
 
@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOGeometry import vtkSTLReader
+from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
-from VICRegistrationLib.export.mesh_files import read_vtp_surface, write_stl, write_vtp
+from VICRegistrationLib.export.mesh_files import (
+    read_vtp_record,
+    read_vtp_surface,
+    write_mesh,
+    write_ply,
+    write_stl,
+    write_vtp,
+)
 from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.triangulation import triangulate
 
 LPS = np.array([-1.0, -1.0, 1.0])
@@ -91,6 +100,63 @@ def test_any_name_leaves_an_stl_header_of_80_bytes(mesh, tmp_path, name):
     content = (tmp_path / "a.stl").read_bytes()
     assert len(content) == 84 + 50 * len(mesh.triangles)
     assert int.from_bytes(content[80:84], "little") == len(mesh.triangles)
+
+
+def test_a_ply_file_says_lps_and_holds_points_and_normals_in_lps(mesh, tmp_path):
+    write_ply(mesh, tmp_path / "a.ply", name="Blasé\nend_header")
+    reader = vtkPLYReader()
+    data = read_with(reader, tmp_path / "a.ply")
+    comments = [reader.GetComments().GetValue(n) for n in range(reader.GetComments().GetNumberOfValues())]
+    assert comments == ["3D Slicer output. SPACE=LPS", "Blas? end_header"]
+    # PLY holds single precision here: 50 mm to 4e-6 mm.
+    np.testing.assert_allclose(vtk_to_numpy(data.GetPoints().GetData()), mesh.points * LPS, atol=1e-5)
+    np.testing.assert_allclose(vtk_to_numpy(data.GetPointData().GetNormals()), mesh.normals * LPS, atol=1e-6)
+    triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    np.testing.assert_array_equal(triangles, mesh.triangles)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".vtp"])
+def test_slicer_opens_a_mesh_in_place(scene, surface, tmp_path, suffix):
+    write_mesh(surface, tmp_path / f"a{suffix}", name="bladder", chord_error=0.5)
+    node = scene.AddNewNodeByClass("vtkMRMLModelNode")
+    storage = scene.AddNewNodeByClass("vtkMRMLModelStorageNode")
+    storage.SetFileName(str(tmp_path / f"a{suffix}"))
+    assert storage.ReadData(node) == 1
+    points = triangulate(surface, chord_error=0.5).points
+    bounds = np.array(node.GetPolyData().GetBounds()).reshape(3, 2).T
+    np.testing.assert_allclose(bounds, [points.min(axis=0), points.max(axis=0)], atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".vtp", ".STL"])
+def test_a_mesh_is_written_as_its_file_is_named(surface, tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(surface, path, name="bladder", chord_error=0.5)
+    reader = {".stl": vtkSTLReader, ".ply": vtkPLYReader, ".vtp": vtkXMLPolyDataReader}[suffix.lower()]()
+    data = read_with(reader, path)
+    assert data.GetNumberOfCells() == len(triangulate(surface, chord_error=0.5).triangles)
+
+
+def test_a_mesh_of_another_format_or_no_chord_error_is_refused(surface, tmp_path):
+    with pytest.raises(ValueError, match=r"a\.obj was asked for; its name must end in one of \.stl, \.ply, \.vtp"):
+        write_mesh(surface, tmp_path / "a.obj", name="bladder")
+    with pytest.raises(ValueError, match="give a positive length"):
+        write_mesh(surface, tmp_path / "a.stl", name="bladder", chord_error=0.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_triangles_keep_to_the_chord_error(surface, tmp_path):
+    write_mesh(surface, tmp_path / "a.stl", name="bladder", chord_error=0.2)
+    data = read_with(vtkSTLReader(), tmp_path / "a.stl")
+    corners = vtk_to_numpy(data.GetPoints().GetData())[vtk_to_numpy(data.GetPolys().GetConnectivityArray())]
+    middles = corners.reshape(-1, 3, 3).mean(axis=1) * LPS
+    distances = np.abs(closest_points(surface, middles.astype(float)).distances)
+    assert 0.05 < distances.max() <= 0.2
+
+
+@pytest.mark.parametrize("name", ["Blasé", ""])
+def test_the_name_comes_back_with_the_surface(surface, mesh, tmp_path, name):
+    write_vtp(mesh, surface, tmp_path / "a.vtp", name=name)
+    assert read_vtp_record(tmp_path / "a.vtp").name == name
 
 
 @pytest.mark.parametrize("content", [b"", b"<VTKFile", b"\x00\xff", b"solid"])

@@ -1,4 +1,4 @@
-"""The command line: ``vic-registration fit``, ``phantom`` and ``reproduce``."""
+"""The command line: ``vic-registration fit``, ``export``, ``phantom`` and ``reproduce``."""
 
 from __future__ import annotations
 

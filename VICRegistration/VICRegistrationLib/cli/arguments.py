@@ -9,12 +9,27 @@ from collections.abc import Callable, Sequence
 from .. import __version__
 from ..geometry.parametrization import CLOSURES
 from ..registration.solvers import SOLVERS
-from . import commands, values
+from . import commands, export_command, mesh_command, simulate_command, values
 
 PROGRAM = "vic-registration"
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
 # that must not are to be refused with their own sentence.
-_NUMERIC = ("--seed", "--threshold", "--erosion", "--net", "--tau")
+_NUMERIC = (
+    "--seed",
+    "--boundary",
+    "--threshold",
+    "--erosion",
+    "--dilation",
+    "--net",
+    "--tau",
+    "--gravity",
+    "--pressure",
+    "--poisson",
+    "--size",
+    "--wall",
+    "--time-limit",
+    "--volume-error",
+)
 
 _EPILOG = """\
 examples:
@@ -22,6 +37,7 @@ examples:
   vic-registration fit build/phantom/mri.nii.gz --config build/phantom/organs.json --output build/fit
   vic-registration fit scan.nrrd --organ bladder --seed -3,42,10 --seed 8,40,22 --threshold 600,1500
   vic-registration fit dicom_folder --organ rectum --seed 0,-31,2 --net 11x9 --output rectum --quiet
+  vic-registration export build/fit/*.vtp --step organs.step
   vic-registration reproduce build/reproduce
 
 Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C
@@ -37,15 +53,17 @@ DIR gets, for every organ NAME:
   NAME.json             the B-spline surface (RAS mm)
   NAME_convergence.csv  cost and largest displacement of every iteration
   NAME.png              slices in three planes with the contour, 3D view, convergence
-and report.json; with several organs overview.png too. Files of these names are replaced when all organs are done, and
-older pictures of the same organs removed if none are drawn now; other files stay.
+  NAME.step             with --step: the exact solid (LPS mm), unless the surface is no valid one
+and report.json; with several organs overview.png and, with --step, organs.step, their assembly. Files of these names
+are replaced when all organs are done, and older pictures and solids of the same organs removed if none are made now;
+other files stay.
 
 Several organs are described in a JSON file. Its keys are the words of the flags:
   {"schema": "vic-registration/organs", "version": 1,
    "organs": [
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
-     {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "net": "11x9", "closure": "smooth",
-      "solver": "gauss-newton", "tau": 1.5}]}
+     {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
+      "solver": "gauss-newton", "tau": 1.5, "boundary": [[12.5, -30, 4]]}]}
 organ and seed are needed. Flags beside --config hold for the organs that do not say otherwise.
 
 examples:
@@ -110,6 +128,9 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         type=_type(values.folder),
         help="folder for a table and plots beside the paper's values",
     )
+    export_command.add_parser(subparsers, _add_command)
+    mesh_command.add_parser(subparsers, _add_command)
+    simulate_command.add_parser(subparsers, _add_command)
     return parser.parse_args(_joined(arguments))
 
 
@@ -142,6 +163,13 @@ def _add_fit(subparsers) -> None:
         action="append",
         help="point in the organ, mm; may be repeated",
     )
+    which.add_argument(
+        "--boundary",
+        metavar="R,A,S",
+        type=_type(values.boundary),
+        action="append",
+        help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
+    )
     which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
     how = fit.add_argument_group("how (the defaults need no tuning)")
     how.add_argument(
@@ -155,6 +183,12 @@ def _add_fit(subparsers) -> None:
         metavar="MM",
         type=_type(values.erosion),
         help="cuts bridges to other tissue, 0 for none (default: chosen for the organ)",
+    )
+    how.add_argument(
+        "--dilation",
+        metavar="MM",
+        type=_type(values.dilation),
+        help="grows the organ back to its edge after the erosion (default: as far as the erosion)",
     )
     how.add_argument("--net", metavar="9x7", type=_type(values.net), help="size of the control net (default: 9x7)")
     how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
@@ -171,6 +205,7 @@ def _add_fit(subparsers) -> None:
         default="organs",
         help="folder for the results (default: organs)",
     )
+    what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr")
 

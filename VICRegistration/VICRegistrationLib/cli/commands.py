@@ -30,6 +30,7 @@ def fit(options: argparse.Namespace) -> None:
         series=options.series,
         inputs=() if options.config is None else (options.config,),
         pictures=not options.no_pictures,
+        step=options.step,
         say=_speaker(options.quiet),
     )
 
@@ -78,7 +79,7 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
     """Put together what the flags ask for."""
     chosen = {word: getattr(options, word) for word in OPTIONS}
     if options.config is not None:
-        own = [word for word in ("organ", "seed", "threshold") if getattr(options, word) is not None]
+        own = [word for word in ("organ", "seed", "threshold", "boundary") if getattr(options, word) is not None]
         if own:
             msg = f"Both --config and --{own[0]} were given; put the {own[0]} of each organ into the configuration."
             raise ValueError(msg)
@@ -87,7 +88,7 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
     if missing:
         msg = f"No --{missing[0]} was given; give --organ NAME and --seed R,A,S, or --config FILE for several organs."
         raise ValueError(msg)
-    return (organ_request(options.organ, options.seed, **chosen),)
+    return (organ_request(options.organ, options.seed, boundary=options.boundary, **chosen),)
 
 
 def _speaker(quiet: bool) -> Callable[[str], None]:

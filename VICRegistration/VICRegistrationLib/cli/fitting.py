@@ -17,7 +17,7 @@ from ..imaging.separation import separate
 from ..registration.doubts import warnings_about
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from .outputs import OVERVIEW, REPORT, FittedOrgan, organ_files, write_organ, write_report
+from .outputs import ASSEMBLY, OVERVIEW, REPORT, FittedOrgan, organ_files, write_organ, write_report, write_solids
 from .process import silenced_stderr
 from .requests import OrganRequest
 
@@ -29,6 +29,7 @@ def fit_to_folder(
     *,
     series: str | None = None,
     pictures: bool = True,
+    step: bool = False,
     truths: Mapping[str, BSplineSurface] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
     say: Callable[[str], None] = lambda line: None,
@@ -46,6 +47,8 @@ def fit_to_folder(
         DICOM series of the folder.
     pictures : bool
         Whether to draw pictures, which needs matplotlib.
+    step : bool
+        Whether to write the exact solids as STEP files. A surface that is no valid solid gets none, and a warning.
     truths : mapping of str to BSplineSurface, optional
         True surfaces for the pictures, by the organs' names.
     inputs : sequence of path
@@ -69,7 +72,7 @@ def fit_to_folder(
     if pictures:
         require_matplotlib()
     truths = truths or {}
-    _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures)
+    _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures, step=step)
     with replacing_folder(folder, outdated=_outdated(requests, Path(folder), pictures=pictures)) as drafts:
         start = time.perf_counter()
         with silenced_stderr():
@@ -94,15 +97,29 @@ def fit_to_folder(
         if pictures and len(organs) > 1:
             fits = {organ.name: organ.fit for organ in organs}
             overview_picture(drafts / OVERVIEW, image, fits, truths=truths)
-        write_report(drafts, organs, image, image_path=str(image_path), seconds_load=seconds_load, pictures=pictures)
+        solids = write_solids(organs, drafts) if step else ()
+        for organ in organs:
+            if step and organ.fit.problems:
+                say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+        write_report(
+            drafts,
+            organs,
+            image,
+            image_path=str(image_path),
+            seconds_load=seconds_load,
+            pictures=pictures,
+            solids=solids,
+        )
     say(f"written to {Path(folder)}: {', '.join(organ.name for organ in organs)}")
     return organs
 
 
-def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> None:
+def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pictures: bool, step: bool) -> None:
     """Refuse to replace what is read."""
-    names = [name for request in requests for name in organ_files(request.name, pictures=pictures)]
-    for target in (folder / name for name in [*names, REPORT, *([OVERVIEW] if pictures and len(requests) > 1 else [])]):
+    names = [name for request in requests for name in organ_files(request.name, pictures=pictures, solid=step)]
+    if len(requests) > 1:
+        names += [*([OVERVIEW] if pictures else []), *([ASSEMBLY] if step else [])]
+    for target in (folder / name for name in [*names, REPORT]):
         for path in inputs:
             if target.exists() and os.path.exists(path) and os.path.samefile(target, path):
                 msg = f"The result {target} would replace {path}, which is read; choose another output folder or name."
@@ -110,11 +127,14 @@ def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pic
 
 
 def _outdated(requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> list[str]:
-    """Pictures of an earlier fit in the folder that would not show the new surfaces."""
+    """Pictures and solids of an earlier fit in the folder that would not show the new surfaces."""
     if not (folder / REPORT).is_file():
         return []
+    # What is written now is not removed.
+    solids = [ASSEMBLY, *(f"{request.name}.step" for request in requests)]
     overview = [] if pictures and len(requests) > 1 else [OVERVIEW]
-    return overview if pictures else [*overview, *(f"{request.name}.png" for request in requests)]
+    drawings = [] if pictures else [f"{request.name}.png" for request in requests]
+    return [*overview, *drawings, *solids]
 
 
 def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> FittedOrgan:
@@ -122,7 +142,13 @@ def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> 
     options = request.options
     start = time.perf_counter()
     try:
-        region = separate(image, request.seeds, threshold=options.threshold, erosion=options.erosion)
+        region = separate(
+            image,
+            request.seeds,
+            threshold=options.threshold,
+            erosion=options.erosion,
+            dilation=options.dilation,
+        )
         seconds_separation = time.perf_counter() - start
         low, high = region.threshold
         say(
@@ -130,13 +156,13 @@ def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> 
             f"{seconds_separation:.2f} s"
         )
         lines = _StageLines(request.name, say)
-        fit = finish(fit_region(image, region, options), on_step=lines)
+        fit = finish(fit_region(image, region, options, boundary_points=request.boundary), on_step=lines)
         lines.end()
     except ValueError as error:
         msg = f"{request.name}: {error}"
         raise ValueError(msg) from error
     seconds = time.perf_counter() - start
-    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation)
+    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, request.boundary)
 
 
 class _StageLines:

@@ -6,21 +6,24 @@ import csv
 import dataclasses
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from .. import __version__
 from ..export.mesh_files import write_stl, write_vtp
+from ..export.step import step_text
 from ..files import replacing
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
+from ..registration.boundary import boundary_deviations
 from ..registration.doubts import border_sides, warnings_about
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
+from .solids import colored_solids
 
-REPORT, OVERVIEW = "report.json", "overview.png"
+REPORT, OVERVIEW, ASSEMBLY = "report.json", "overview.png", "organs.step"
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
 
 
@@ -38,6 +41,8 @@ class FittedOrgan:
         From the seeds to the surface.
     seconds_separation : float
         The part of it before the fit.
+    boundary : tuple of (r, a, s)
+        Boundary points that were given, RAS mm.
     """
 
     name: str
@@ -45,6 +50,7 @@ class FittedOrgan:
     seeds: tuple[tuple[float, float, float], ...]
     seconds: float
     seconds_separation: float
+    boundary: tuple[tuple[float, float, float], ...] = ()
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:
@@ -67,6 +73,35 @@ def write_organ(organ: FittedOrgan, folder: Path) -> None:
     write_vtp(mesh, surface, folder / f"{name}.vtp", name=name)
     write_stl(mesh, folder / f"{name}.stl", name=name)
     write_convergence(organ.fit.history, folder / f"{name}_convergence.csv")
+
+
+def write_solids(organs: Sequence[FittedOrgan], folder: Path) -> tuple[str, ...]:
+    """Write the exact surfaces as STEP solids, and several organs as an assembly too.
+
+    Parameters
+    ----------
+    organs : sequence of FittedOrgan
+    folder : Path
+        Gets NAME.step for each organ whose surface is valid, and organs.step if all of several are.
+
+    Returns
+    -------
+    tuple of str
+        Names of the files.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
+    texts = {f"{solid.name}.step": step_text([solid]) for organ, solid in zip(organs, solids) if not organ.fit.problems}
+    if 1 < len(organs) == len(texts):
+        texts[ASSEMBLY] = step_text(solids)
+    for name, text in texts.items():
+        with replacing(folder / name) as draft:
+            draft.write_text(text, encoding="ascii")
+    return tuple(texts)
 
 
 def write_convergence(history: Sequence[Step], path: Path) -> None:
@@ -101,6 +136,7 @@ def write_report(
     image_path: str,
     seconds_load: float,
     pictures: bool,
+    solids: Collection[str] = (),
 ) -> None:
     """Write report.json.
 
@@ -115,6 +151,8 @@ def write_report(
         Time to read the image.
     pictures : bool
         Whether pictures were drawn.
+    solids : collection of str
+        Names of the STEP files.
 
     Raises
     ------
@@ -136,7 +174,7 @@ def write_report(
             organ.name: {
                 **_entry(organ, image),
                 "seconds_load": seconds_load,
-                "files": organ_files(organ.name, pictures=pictures),
+                "files": organ_files(organ.name, pictures=pictures, solid=f"{organ.name}.step" in solids),
             }
             for organ in organs
         },
@@ -150,10 +188,11 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
     """Everything about one organ, as JSON keeps it."""
     fit = organ.fit
     options = {key: value for key, value in dataclasses.asdict(fit.options).items() if key not in ("net", "threshold")}
+    region, threshold = fit.region, fit.options.threshold
     return {
         "volume_ml": fit.surface.volume() / 1000.0,
         "area_mm2": fit.surface.area(),
-        "separated_volume_ml": float(fit.region.volume_ml),
+        "separated_volume_ml": None if region is None else float(region.volume_ml),
         "iterations": fit.iterations,
         "converged": bool(fit.converged),
         "stopped_by": fit.history[-1].stopped_by,
@@ -161,18 +200,27 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "cost_final": float(fit.cost_final),
         "seconds": organ.seconds,
         "seconds_separation": organ.seconds_separation,
-        "threshold": [float(level) for level in fit.options.threshold],
+        "threshold": None if threshold is None else [float(level) for level in threshold],
         "net": _net_text(fit.options.net),
         "seed": [list(point) for point in organ.seeds],
-        "erosion": None if fit.region.erosion is None else float(fit.region.erosion),
+        **_boundary_entry(organ),
+        "erosion": None if region is None or region.erosion is None else float(region.erosion),
         "options": {key: value for key, value in options.items() if key != "erosion"},
-        "touches_border": border_sides(image, fit.region),
+        "touches_border": [] if region is None else border_sides(image, region),
         "valid": not fit.problems,
         "warnings": warnings_about(image, organ.fit),
     }
 
 
-def organ_files(name: str, *, pictures: bool) -> list[str]:
+def _boundary_entry(organ: FittedOrgan) -> dict:
+    """Boundary points and how far from the surface they are, if there are any."""
+    if not organ.boundary:
+        return {}
+    deviations = boundary_deviations(organ.fit.surface, organ.boundary)
+    return {"boundary": [list(point) for point in organ.boundary], "boundary_deviation_mm": deviations.tolist()}
+
+
+def organ_files(name: str, *, pictures: bool, solid: bool = False) -> list[str]:
     """Names of the files of one organ.
 
     Parameters
@@ -180,12 +228,21 @@ def organ_files(name: str, *, pictures: bool) -> list[str]:
     name : str
     pictures : bool
         Whether pictures are drawn.
+    solid : bool
+        Whether its STEP file is written.
 
     Returns
     -------
     list of str
     """
-    endings = [".vtp", ".stl", ".json", "_convergence.csv", *([".png"] if pictures else [])]
+    endings = [
+        ".vtp",
+        ".stl",
+        ".json",
+        "_convergence.csv",
+        *([".png"] if pictures else []),
+        *([".step"] if solid else []),
+    ]
     return [name + ending for ending in endings]
 
 

@@ -9,12 +9,13 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
       "version": 1,
       "organs": [
         {"organ": "bladder", "seed": [[1.5, 42.0, 10.0], [3.0, 40.0, 22.0]], "threshold": [600, 1500]},
-        {"organ": "rectum", "seed": [0.0, -31.0, 2.0], "erosion": 2, "net": "11x9", "solver": "gauss-newton"}
+        {"organ": "rectum", "seed": [0.0, -31.0, 2.0], "erosion": 2, "dilation": 2, "net": "11x9",
+         "solver": "gauss-newton", "boundary": [[12.5, -30.0, 4.0]]}
       ]
     }
 
-Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``net``, ``closure``,
-``solver`` and ``tau`` are optional.
+Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``dilation``, ``net``,
+``closure``, ``solver``, ``tau`` and ``boundary`` are optional.
 """
 
 from __future__ import annotations
@@ -35,12 +36,13 @@ SCHEMA, VERSION = "vic-registration/organs", 1
 OPTIONS = {
     "threshold": values.threshold,
     "erosion": values.erosion,
+    "dilation": values.dilation,
     "net": values.net,
     "closure": values.closure,
     "solver": values.solver,
     "tau": values.tau,
 }
-_CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS}
+_CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS, "boundary": values.boundaries}
 
 
 @dataclass(frozen=True)
@@ -54,20 +56,27 @@ class OrganRequest:
     seeds : tuple of (r, a, s)
         Points in the organ, RAS mm.
     options : FitOptions
+    boundary : tuple of (r, a, s)
+        Points where the wall is known to be, RAS mm; may be empty.
     """
 
     name: str
     seeds: tuple[tuple[float, float, float], ...]
     options: FitOptions
+    boundary: tuple[tuple[float, float, float], ...] = ()
 
 
-def organ_request(name: str, seeds: Sequence[Sequence[float]], **options) -> OrganRequest:
+def organ_request(
+    name: str, seeds: Sequence[Sequence[float]], *, boundary: Sequence[Sequence[float]] | None = None, **options
+) -> OrganRequest:
     """Make a request, and refuse options that cannot be met before an image is read.
 
     Parameters
     ----------
     name : str
     seeds : sequence of (r, a, s)
+        RAS mm.
+    boundary : sequence of (r, a, s), optional
         RAS mm.
     **options
         Fields of :class:`..registration.organ.FitOptions`; those that are None are left to their defaults.
@@ -87,7 +96,11 @@ def organ_request(name: str, seeds: Sequence[Sequence[float]], **options) -> Org
     except ValueError as error:
         msg = f"{name}: {error}"
         raise ValueError(msg) from error
-    return OrganRequest(name, tuple(tuple(point) for point in seeds), chosen)
+    return OrganRequest(name, _points(seeds), chosen, _points(boundary or ()))
+
+
+def _points(points: Sequence[Sequence[float]]) -> tuple[tuple[float, float, float], ...]:
+    return tuple(tuple(point) for point in points)
 
 
 def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | None = None) -> tuple[OrganRequest, ...]:

@@ -16,8 +16,8 @@ _FORBIDDEN = '<>:"/\\|?*'
 _LONGEST_NAME = 100
 # Of file systems, in bytes; the longest ending of an organ's files is _convergence.csv.
 _LONGEST_FILE_NAME, _LONGEST_ENDING = 255, len("_convergence.csv")
-# report.json and overview.png are written beside the organs' files.
-_RESERVED = ("report", "overview")
+# report.json, overview.png and organs.step are written beside the organs' files.
+_RESERVED = ("report", "overview", "organs")
 # Windows takes these for devices, whatever the ending.
 _DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10)))
 
@@ -87,13 +87,28 @@ def threshold(value: object) -> tuple[float, float]:
     return _numbers(value, 2, "a threshold is two numbers LOW,HIGH")
 
 
+def boundary(value: object) -> tuple[float, float, float]:
+    """Check a boundary point: R, A, S in mm."""
+    return _numbers(value, 3, "a boundary point is three numbers R,A,S (mm)")
+
+
+def boundaries(value: object) -> tuple[tuple[float, float, float], ...]:
+    """Check a list of boundary points; a single one may stand without the outer brackets."""
+    if not isinstance(value, list) or not value:
+        msg = f"{value!r} was given; boundary points are a list of points [R, A, S] (mm)"
+        raise ValueError(msg)
+    points = value if isinstance(value[0], list) else [value]
+    return tuple(boundary(point) for point in points)
+
+
 def erosion(value: object) -> float:
     """Check the radius of the erosion, mm."""
-    number = _number(value)
-    if number is None or number < 0.0:
-        msg = f"{value!r} was given; an erosion is zero or a positive length in mm"
-        raise ValueError(msg)
-    return number
+    return _radius(value, "an erosion")
+
+
+def dilation(value: object) -> float:
+    """Check the radius of the dilation, mm."""
+    return _radius(value, "a dilation")
 
 
 def tau(value: object) -> float:
@@ -133,6 +148,14 @@ def _choice(value: object, choices) -> str:
         msg = f"{value!r} was given; choose one of {', '.join(choices)}"
         raise ValueError(msg)
     return value
+
+
+def _radius(value: object, what: str) -> float:
+    number = _number(value)
+    if number is None or number < 0.0:
+        msg = f"{value!r} was given; {what} is zero or a positive length in mm"
+        raise ValueError(msg)
+    return number
 
 
 def _numbers(value: object, count: int, needed: str) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
-"""Triangles in files that Slicer opens in place: VTP, with the B-spline surface inside, and STL.
+"""Triangles in files that Slicer opens in place: VTP, with the B-spline surface inside, STL and PLY.
 
-Points and normals are LPS mm, marked as Slicer marks them: a VTP file has the text ``SPACE``, "LPS", in its field data,
-beside the surface as :mod:`.surface_data` puts it there.
+Points and normals are LPS mm, marked as Slicer marks them: STL and PLY files say SPACE=LPS in their headers, a VTP file
+has the text ``SPACE``, "LPS", in its field data, beside the surface as :mod:`.surface_data` puts it there.
 """
 
 from __future__ import annotations
@@ -10,17 +10,54 @@ import os
 from pathlib import Path
 
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkObject
+from vtkmodules.vtkCommonCore import vtkObject, vtkStringArray
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from ..files import reason, replacing
 from ..geometry.surface import BSplineSurface
-from ..geometry.triangulation import TriangleMesh
+from ..geometry.surface_file import SurfaceRecord
+from ..geometry.triangulation import TriangleMesh, triangulate
+from .frames import RAS_TO_LPS
 from .surface_data import add_surface, add_text, polydata_of_mesh, surface_in
 
-_RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
-_STL_HEADER = b"3D Slicer output. SPACE=LPS"
+MESH_SUFFIXES = (".stl", ".ply", ".vtp")
+DEFAULT_CHORD_ERROR = 0.05
+_HEADER = b"3D Slicer output. SPACE=LPS"
 _STL_HEADER_SIZE = 80
+
+
+def write_mesh(
+    surface: BSplineSurface, path: str | os.PathLike, *, name: str, chord_error: float = DEFAULT_CHORD_ERROR
+) -> None:
+    """Write the triangles of a surface in the format that the file's name asks for.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        RAS mm.
+    path : path
+        File to write: .stl, .ply or .vtp; its folder must exist.
+    name : str
+        Name of the organ.
+    chord_error : float
+        Largest distance between triangles and surface, mm.
+
+    Raises
+    ------
+    ValueError
+        If the name asks for another format, or the chord error is not positive.
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        msg = f"The file {path} was asked for; its name must end in one of {', '.join(MESH_SUFFIXES)}."
+        raise ValueError(msg)
+    mesh = triangulate(surface, chord_error=chord_error)
+    if suffix == ".vtp":
+        write_vtp(mesh, surface, path, name=name)
+    else:
+        {".stl": write_stl, ".ply": write_ply}[suffix](mesh, path, name=name)
 
 
 def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLike, *, name: str) -> None:
@@ -42,7 +79,7 @@ def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLi
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    data = polydata_of_mesh(mesh, axes=_RAS_TO_LPS)
+    data = polydata_of_mesh(mesh, axes=RAS_TO_LPS)
     add_text(data, "SPACE", "LPS")
     add_surface(data, surface, name=name)
     writer = vtkXMLPolyDataWriter()
@@ -84,6 +121,30 @@ def read_vtp_surface(path: str | os.PathLike) -> BSplineSurface:
     return surface_in(_field_data(path), f"file {path}", remedy="give a VTP file as the program writes it")
 
 
+def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
+    """Read the B-spline surface of a VTP file with its name.
+
+    Parameters
+    ----------
+    path : path
+        As in :func:`read_vtp_surface`.
+
+    Returns
+    -------
+    SurfaceRecord
+        The name is empty where the file tells none; net and closure are empty.
+
+    Raises
+    ------
+    OSError, ValueError
+        As in :func:`read_vtp_surface`.
+    """
+    surface = read_vtp_surface(path)
+    name = _field_data(Path(path)).GetAbstractArray("name")
+    told = isinstance(name, vtkStringArray) and name.GetNumberOfValues() == 1
+    return SurfaceRecord(surface, name.GetValue(0) if told else "")
+
+
 def write_stl(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None:
     """Write triangles as a binary STL file.
 
@@ -101,17 +162,53 @@ def write_stl(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    corners = (mesh.points * _RAS_TO_LPS)[mesh.triangles]
+    corners = (mesh.points * RAS_TO_LPS)[mesh.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     layout = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     facets = np.zeros(len(corners), dtype=layout)
     facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     facets["corners"] = corners
-    header = _STL_HEADER + b" " + name.encode("ascii", "replace")
+    header = _HEADER + b" " + name.encode("ascii", "replace")
     count = np.array(len(facets), dtype="<u4")
     with replacing(path) as draft:
         draft.write_bytes(header[:_STL_HEADER_SIZE].ljust(_STL_HEADER_SIZE) + count.tobytes() + facets.tobytes())
+
+
+def write_ply(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None:
+    """Write triangles with the normals of the exact surface as a binary PLY file.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        RAS mm.
+    path : path
+        File to write; its folder must exist.
+    name : str
+        Name of the organ, a comment of the header.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    vertices = np.hstack([mesh.points * RAS_TO_LPS, mesh.normals * RAS_TO_LPS]).astype("<f4")
+    faces = np.zeros(len(mesh.triangles), dtype=[("corners", "u1"), ("triangle", "<i4", 3)])
+    faces["corners"], faces["triangle"] = 3, mesh.triangles
+    lines = [
+        b"ply",
+        b"format binary_little_endian 1.0",
+        b"comment " + _HEADER,
+        # A comment ends with its line, whatever the name is.
+        b"comment " + " ".join(name.split()).encode("ascii", "replace"),
+        b"element vertex %d" % len(vertices),
+        *(b"property float " + key for key in (b"x", b"y", b"z", b"nx", b"ny", b"nz")),
+        b"element face %d" % len(faces),
+        b"property list uchar int vertex_indices",
+        b"end_header",
+    ]
+    with replacing(path) as draft:
+        draft.write_bytes(b"\n".join(lines) + b"\n" + vertices.tobytes() + faces.tobytes())
 
 
 def _field_data(path: Path):

@@ -71,8 +71,8 @@ def polydata_of_mesh(mesh: TriangleMesh, *, axes: np.ndarray = (1.0, 1.0, 1.0)) 
     return data
 
 
-def add_surface(data: vtkPolyData, surface: BSplineSurface, *, name: str) -> None:
-    """Put a surface into the field data of its triangles.
+def add_surface(data: vtkPolyData, surface: BSplineSurface, *, name: str, role: str = "") -> None:
+    """Put a surface into the field data of triangles.
 
     Parameters
     ----------
@@ -81,18 +81,20 @@ def add_surface(data: vtkPolyData, surface: BSplineSurface, *, name: str) -> Non
         RAS mm.
     name : str
         Name of the organ.
+    role : str
+        Prefix of the arrays' names, for a second surface beside that of the triangles.
     """
     for key, text in (("name", name), ("unit", "mm"), ("control_net_space", "RAS")):
-        add_text(data, key, text)
+        add_text(data, role + key, text)
     net = surface.control_net
     numbers = (surface.degrees, surface.knots_u, surface.knots_v, net.reshape(-1, 3), net.shape[:2])
     for key, values in zip(_NUMBERS, numbers):
         array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
-        array.SetName(key)
+        array.SetName(role + key)
         data.GetFieldData().AddArray(array)
 
 
-def surface_in(data: vtkFieldData, where: str, *, remedy: str) -> BSplineSurface:
+def surface_in(data: vtkFieldData, where: str, *, remedy: str, role: str = "") -> BSplineSurface:
     """Take a surface out of field data.
 
     Parameters
@@ -102,6 +104,8 @@ def surface_in(data: vtkFieldData, where: str, *, remedy: str) -> BSplineSurface
         What holds it, for messages: "file bladder.vtp".
     remedy : str
         What to do if it lacks a surface, for messages: "give another file".
+    role : str
+        As for :func:`add_surface`.
 
     Returns
     -------
@@ -113,12 +117,12 @@ def surface_in(data: vtkFieldData, where: str, *, remedy: str) -> BSplineSurface
     ValueError
         If there is none.
     """
-    found = {key: data.GetArray(key) for key in _NUMBERS}
+    found = {key: data.GetArray(role + key) for key in _NUMBERS}
     missing = [key for key, array in found.items() if array is None]
     if missing:
         msg = f"The {where} lacks {', '.join(missing)} in its field data; {remedy}."
         raise ValueError(msg)
-    frame = data.GetAbstractArray("control_net_space")
+    frame = data.GetAbstractArray(role + "control_net_space")
     if not isinstance(frame, vtkStringArray) or frame.GetNumberOfValues() != 1 or frame.GetValue(0) != "RAS":
         msg = f"The {where} does not say that its control net is in RAS; convert it, and say so."
         raise ValueError(msg)

@@ -1,0 +1,68 @@
+"""Organs on their way from surface files to files for CAD and simulation: names and colours."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..analysis.pictures import organ_colours
+from ..export.mesh_files import read_vtp_record
+from ..export.step import Solid
+from ..geometry.surface import BSplineSurface
+from ..geometry.surface_file import read_surface_record
+from . import values
+
+
+def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
+    """Read surfaces with their names, each in its organ's colour.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Files .json or .vtp as the program writes them. A surface without a name gets that of its file.
+
+    Returns
+    -------
+    tuple of Solid
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    ValueError
+        If a file holds no surface, or two surfaces have one name (upper and lower case are one, as in files).
+    """
+    surfaces: dict[str, BSplineSurface] = {}
+    read: dict[str, Path] = {}
+    for path in map(Path, paths):
+        record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
+        name = record.name or path.stem
+        before = read.setdefault(values.file_key(name), path)
+        if before is not path:
+            msg = f"{before} and {path} both hold a surface named {name!r}; give the surfaces of different organs."
+            raise ValueError(msg)
+        surfaces[name] = record.surface
+    return colored_solids(surfaces)
+
+
+def colored_solids(surfaces: Mapping[str, BSplineSurface]) -> tuple[Solid, ...]:
+    """Give surfaces the colours that their organs have in pictures.
+
+    Parameters
+    ----------
+    surfaces : mapping of str to BSplineSurface
+        By the organs' names.
+
+    Returns
+    -------
+    tuple of Solid
+    """
+    colours = organ_colours(list(surfaces))
+    return tuple(Solid(name, surface, _rgb(colours[name])) for name, surface in surfaces.items())
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    """Red, green and blue of "#rrggbb", from 0 to 1."""
+    red, green, blue = (int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5))
+    return red, green, blue

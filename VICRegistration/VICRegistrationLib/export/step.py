@@ -1,0 +1,179 @@
+"""Organs as STEP files (ISO 10303-21, AP214): the exact B-spline patches as closed solids, in LPS mm.
+
+An organ is a product with its name and colour, one solid. Several organs are an assembly of such products, each where
+it lies in the patient. Coordinates are those of DICOM (LPS: left, posterior, superior), as in the mesh files.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .. import __version__
+from ..files import replacing
+from ..geometry.surface import BSplineSurface
+from ..geometry.validity import validate
+from .step_entities import Entities, listed, string
+from .step_patches import patches
+from .step_products import SCHEMA, Products
+from .step_solids import add_solid
+
+ASSEMBLY_NAME = "organs"
+# The standard wants a time; without one of the caller's the same organs give the same file.
+_NO_TIME = "1970-01-01T00:00:00"
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """An organ as it is exported.
+
+    Parameters
+    ----------
+    name : str
+        Name of the organ.
+    surface : BSplineSurface
+        Closed by a seam and two poles, normals outward; RAS mm.
+    color : (r, g, b), optional
+        Each from 0 to 1 (sRGB).
+    """
+
+    name: str
+    surface: BSplineSurface
+    color: tuple[float, float, float] | None = None
+
+
+def write_step(
+    solids: Sequence[Solid],
+    path: str | os.PathLike,
+    *,
+    faces: int = 1,
+    assembly: bool | None = None,
+    timestamp: str = _NO_TIME,
+) -> None:
+    """Write organs as a STEP file, or refuse to where one of them is no valid solid.
+
+    Parameters
+    ----------
+    solids, faces, assembly, timestamp
+        As in :func:`step_text`.
+    path : path
+        File to write; its folder must exist.
+
+    Raises
+    ------
+    ValueError
+        If a surface is open, folded at a pole, has flipped normals or passes through itself: with the organ, the place
+        on its surface (RAS mm) and what to do. And as in :func:`step_text`.
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    validate_solids(solids)
+    text = step_text(solids, faces=faces, assembly=assembly, timestamp=timestamp)
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="ascii")
+
+
+def validate_solids(solids: Sequence[Solid]) -> None:
+    """Look at every surface as the boundary of a solid.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+
+    Raises
+    ------
+    ValueError
+        With the first problem: the organ, the place on its surface (RAS mm), and what to do.
+    """
+    for solid in solids:
+        try:
+            validate(solid.surface)
+        except ValueError as error:
+            msg = f"{solid.name}: {error}"
+            raise ValueError(msg) from error
+
+
+def step_text(
+    solids: Sequence[Solid], *, faces: int = 1, assembly: bool | None = None, timestamp: str = _NO_TIME
+) -> str:
+    """Text of a STEP file, without a thorough look at the surfaces (see :func:`validate_solids`).
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+        With different names.
+    faces : int
+        Faces of every organ: 1, with a seam; or strips from pole to pole, cut by exact knot insertion, that have none.
+    assembly : bool, optional
+        Whether the organs are products of their own in an assembly, instead of the solids of one product. If not
+        given, several organs are an assembly.
+    timestamp : str
+        ISO 8601 date and time for the header. Same arguments, same text.
+
+    Returns
+    -------
+    str
+        ASCII.
+
+    Raises
+    ------
+    ValueError
+        If no organ is given, two have one name, a colour is none, or a surface has not both a seam and two poles.
+    """
+    _check(solids)
+    entities = Entities()
+    products = Products(entities)
+    bodies = [add_solid(entities, solid.name, _strips(solid, faces)) for solid in solids]
+    if assembly or (assembly is None and len(solids) > 1):
+        parts = [
+            (solid.name, products.add_part(solid.name, [body], [solid.color])) for solid, body in zip(solids, bodies)
+        ]
+        products.add_assembly(ASSEMBLY_NAME, parts)
+    else:
+        name = solids[0].name if len(solids) == 1 else ASSEMBLY_NAME
+        products.add_part(name, bodies, [solid.color for solid in solids])
+    return _header(solids, timestamp) + f"DATA;\n{entities.text()}ENDSEC;\nEND-ISO-10303-21;\n"
+
+
+def _check(solids: Sequence[Solid]) -> None:
+    """Refuse what no STEP file can hold."""
+    names = [solid.name for solid in solids]
+    if not names:
+        msg = "No organ was given; give at least one surface to write."
+        raise ValueError(msg)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        msg = f"Two organs are named {twice[0]!r}; rename one, or write them into files of their own."
+        raise ValueError(msg)
+    for solid in solids:
+        if solid.color is not None and not (
+            len(solid.color) == 3 and all(0.0 <= float(part) <= 1.0 for part in solid.color)
+        ):
+            msg = f"{solid.name}: The colour {solid.color} was given; give red, green and blue from 0 to 1."
+            raise ValueError(msg)
+        if not (solid.surface.closed_u and all(solid.surface.poles)):
+            msg = f"{solid.name}: The surface is open or a ring; a solid needs a seam in u and a pole at each end of v."
+            raise ValueError(msg)
+
+
+def _strips(solid: Solid, faces: int) -> tuple[BSplineSurface, ...]:
+    try:
+        return patches(solid.surface, faces)
+    except ValueError as error:
+        msg = f"{solid.name}: {error}"
+        raise ValueError(msg) from error
+
+
+def _header(solids: Sequence[Solid], timestamp: str) -> str:
+    """Header section: what is inside, in which frame, and by whom."""
+    what = f"B-spline solids of organs: {', '.join(solid.name for solid in solids)}"
+    frame = "LPS mm: x to the left, y to the back, z to the head of the patient (DICOM)"
+    program = f"vic-registration {__version__}"
+    name = solids[0].name if len(solids) == 1 else ASSEMBLY_NAME
+    return (
+        "ISO-10303-21;\nHEADER;\n"
+        f"FILE_DESCRIPTION({listed([string(what), string(frame)])},'2;1');\n"
+        f"FILE_NAME({string(name)},{string(timestamp)},(''),(''),{string(program)},{string(program)},'');\n"
+        f"FILE_SCHEMA(({string(SCHEMA)}));\nENDSEC;\n"
+    )
