@@ -108,6 +108,16 @@ def test_a_rough_segmentation_is_drawn_to_the_edge(image):
     assert after < 0.5 * before
 
 
+def test_the_dilation_may_differ_from_the_erosion(image):
+    def volume(**options):
+        return fitted(image, max_iterations=1, erosion=2.4, **options).region.volume_ml
+
+    assert volume(dilation=0.0) < 0.8 * volume()
+    assert volume(dilation=2.4) == volume()
+    with pytest.raises(ValueError, match="The dilation is -1 mm; it must be zero or a positive length"):
+        fitted(image, dilation=-1.0)
+
+
 @pytest.mark.parametrize("tau", [3.0, 3.6])
 def test_the_published_profile_shifts_the_contour_inward_by_about_half_the_ramp(image, tau):
     centred = deviation(fitted(image, tau=tau).surface, ellipsoid(), n_points=1000)
@@ -276,6 +286,7 @@ def test_a_region_without_surroundings_is_refused(image):
         ({"tau": float("nan")}, "The option tau is nan; a finite positive number is needed"),
         ({"tolerance": -1.0}, r"The option tolerance is -1\.0; a finite positive number is needed"),
         ({"max_iterations": 0}, "The option max_iterations is 0; a finite positive number is needed"),
+        ({"stopping": "never"}, "The option stopping is 'never'; choose one of settled, published"),
         ({"smoothness": -1e-3}, r"The option smoothness is -0\.001; a finite positive number is needed"),
     ],
 )
