@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-import qt
+import contextlib
+import sys
+
 import slicer
-import vtk
 from slicer.i18n import tr as _
 from slicer.i18n import translate
 from slicer.ScriptedLoadableModule import (
@@ -14,6 +14,13 @@ from slicer.ScriptedLoadableModule import (
     ScriptedLoadableModuleTest,
     ScriptedLoadableModuleWidget,
 )
+from slicer.util import VTKObservationMixin
+
+from VICRegistrationLib.mrml import fitting, samples, surfaces, volumes
+from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf, modelOf, seedsOf, volumeOf
+from VICRegistrationLib.mrml.organs import Organs
+from VICRegistrationLib.mrml.parameters import ModuleParameters, RegionSource
+from VICRegistrationLib.mrml.points import addPoints
 
 
 class VICRegistration(ScriptedLoadableModule):
@@ -33,87 +40,300 @@ class VICRegistration(ScriptedLoadableModule):
             "M. Cosson, C. Duriez and M. Brieu: Virtual image correlation of magnetic resonance images for "
             "3D geometric modelling of pelvic organs. Strain 55(3):e12305, 2019. doi:10.1111/str.12305"
         )
+        slicer.app.connect("startupCompleted()", registerSampleData)
 
 
-class VICRegistrationWidget(ScriptedLoadableModuleWidget):
-    """The panel: says how to fit an organ in this version."""
+def registerSampleData():
+    """Offer the synthetic pelvic MRI in the module Sample Data; it is painted here, not downloaded."""
+    import SampleData
+
+    SampleData.SampleDataLogic.registerCustomSampleDataSource(
+        category="VICRegistration",
+        sampleName=samples.NAME,
+        uris="painted",
+        fileNames=samples.NAME,
+        nodeNames=samples.NAME,
+        customDownloader=lambda source: samples.addPhantomVolume(),
+    )
+
+
+class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
+    """Ties the life of the panel to that of the module and the scene."""
+
+    def __init__(self, parent=None):
+        ScriptedLoadableModuleWidget.__init__(self, parent)
+        VTKObservationMixin.__init__(self)
+        self.logic = self.panel = self.ui = None
+        self._reopen = False
 
     def setup(self):
         """Build the panel."""
+        from VICRegistrationLib.gui.panel import Panel
+
         ScriptedLoadableModuleWidget.setup(self)
-        label = qt.QLabel(
-            _(
-                "In this version organs are fitted from the command line, not from this panel:\n\n"
-                "vic-registration fit IMAGE --organ NAME --seed R,A,S --output DIR\n\n"
-                "IMAGE is a file or a DICOM folder; the seed is a place inside the organ in RAS mm. "
-                "Open the surface DIR/NAME.vtp here: it appears in place.\n\n"
-                "In the Python console, VICRegistrationLogic().imageFromVolume(node) gives a volume of the "
-                "scene to the library VICRegistrationLib."
-            )
-        )
-        label.setWordWrap(True)
-        label.setTextInteractionFlags(qt.Qt.TextSelectableByMouse)
-        self.layout.addWidget(label)
-        self.layout.addStretch(1)
+        widget = slicer.util.loadUI(self.resourcePath("UI/VICRegistration.ui"))
+        self.layout.addWidget(widget)
+        self.ui = slicer.util.childWidgetVariables(widget)
+        widget.setMRMLScene(slicer.mrmlScene)
+        self.logic = VICRegistrationLogic()
+        self.panel = Panel(self.ui, self.logic)
+        scene = slicer.mrmlScene
+        for event in (scene.StartCloseEvent, scene.StartImportEvent):
+            self.addObserver(scene, event, self.onSceneGoes)
+        for event in (scene.EndCloseEvent, scene.EndImportEvent):
+            self.addObserver(scene, event, self.onSceneCame)
+        # After a reload Slicer does not enter the module again.
+        self.panel.open()
+
+    def enter(self):
+        """Follow the scene while the module is shown."""
+        self.panel.open()
+
+    def exit(self):
+        """Leave the scene to other modules; a fit under way goes on."""
+        self.panel.close()
+
+    def cleanup(self):
+        """Let go of everything."""
+        if self.panel is not None:
+            self.panel.stop()
+        self.removeObservers()
+
+    def onReload(self):
+        """Reload the library with the module."""
+        for name in [name for name in sys.modules if name.split(".")[0] == "VICRegistrationLib"]:
+            del sys.modules[name]
+        ScriptedLoadableModuleWidget.onReload(self)
+
+    def onSceneGoes(self, caller=None, event=None):
+        """End a fit and follow nothing, before the scene is closed or another one is added to it."""
+        self._reopen = self._reopen or self.panel.isOpen
+        self.panel.stop()
+
+    def onSceneCame(self, caller=None, event=None):
+        """Show what the scene holds now."""
+        if self._reopen:
+            self._reopen = False
+            self.panel.open()
 
 
 class VICRegistrationLogic(ScriptedLoadableModuleLogic):
-    """Hands nodes of the scene to VICRegistrationLib."""
+    """Separates, fits and corrects organs of the scene; what a script makes is seen in the panel, and the reverse."""
 
-    def imageFromVolume(self, volumeNode):
-        """Copy a volume node into an Image of the library, where it stands in the world.
+    def getParameterNode(self):
+        """Parameters of the module.
+
+        Returns
+        -------
+        VICRegistrationLib.mrml.parameters.ModuleParameters
+        """
+        return ModuleParameters(ScriptedLoadableModuleLogic.getParameterNode(self))
+
+    def organs(self):
+        """Organs of the scene.
+
+        Returns
+        -------
+        VICRegistrationLib.mrml.organs.Organs
+            To be iterated, and to add, rename and remove organs with.
+        """
+        return Organs(self.getParameterNode())
+
+    def addOrgan(self, volumeNode, seeds=None, thresholds=None, *, name="organ", erosion=None, segment=None):
+        """Add an organ and separate it.
 
         Parameters
         ----------
         volumeNode : vtkMRMLScalarVolumeNode
+        seeds : (n, 3) array_like or vtkMRMLMarkupsFiducialNode, optional
+            Points in the organ, world RAS mm. Not needed with `segment`.
+        thresholds : (low, high), optional
+            Grey levels of the organ; suggested from the seeds if not given.
+        name : str
+        erosion : float, optional
+            Cuts bridges to neighbours, mm; automatic if not given.
+        segment : (vtkMRMLSegmentationNode, str), optional
+            Segmentation and the ID of the segment to take instead of seeds and thresholds.
 
         Returns
         -------
-        VICRegistrationLib.imaging.image.Image
+        VICRegistrationLib.mrml.parameters.OrganParameters
 
         Raises
         ------
         ValueError
-            If the volume is under a transform that is not linear, or is no image that can be fitted.
+            If the organ cannot be separated; nothing is added then.
         """
-        from VICRegistrationLib.imaging.image import Image
+        with self._separated(volumeNode, seeds, thresholds, name=name, erosion=erosion, segment=segment) as organ:
+            return organ
 
-        parent = volumeNode.GetParentTransformNode()
-        if parent is not None and not parent.IsTransformToWorldLinear():
-            raise ValueError(
-                _(
-                    "The volume {name} is under a transform that bends it; a linear one is needed; "
-                    "harden the transform first."
-                ).format(name=volumeNode.GetName())
-            )
-        toWorld, ijkToRas = vtk.vtkMatrix4x4(), vtk.vtkMatrix4x4()
-        slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(parent, None, toWorld)
-        volumeNode.GetIJKToRASMatrix(ijkToRas)
-        matrix = slicer.util.arrayFromVTKMatrix(toWorld) @ slicer.util.arrayFromVTKMatrix(ijkToRas)
-        return Image(slicer.util.arrayFromVolume(volumeNode).copy(), matrix)
+    def fit(self, volumeNode, seeds=None, thresholds=None, *, options=None, boundaryPoints=None, onStep=None, **organ):
+        """Add an organ, separate it, and fit a surface to it.
+
+        Parameters
+        ----------
+        volumeNode, seeds, thresholds, **organ
+            As for :meth:`addOrgan`.
+        options : VICRegistrationLib.registration.options.FitOptions, optional
+            How to fit; how to separate is told by the other parameters.
+        boundaryPoints : (n, 3) array_like, optional
+            Points that the surface is to pass through, world RAS mm.
+        onStep : callable, optional
+            Called with every step.
+
+        Returns
+        -------
+        VICRegistrationLib.mrml.parameters.OrganParameters
+            Its `surface` is the model node, `convergence` a table, `volumeMl` and `message` tell the result.
+
+        Raises
+        ------
+        ValueError
+            If the organ cannot be separated or fitted; nothing is added then.
+        """
+        from VICRegistrationLib.registration.organ import finish
+
+        with self._separated(volumeNode, seeds, thresholds, **organ) as made:
+            if options is not None:
+                made.setFitOptions(options)
+            addPoints(boundaryPointsOf(made, volumeNode), boundaryPoints)
+            finish(fitting.fitSteps(made, volumeNode), onStep)
+        return made
+
+    def refit(self, organ, boundaryPoints=None, *, onStep=None):
+        """Fit an organ again from the surface it has, through its boundary points.
+
+        Parameters
+        ----------
+        organ : VICRegistrationLib.mrml.parameters.OrganParameters
+        boundaryPoints : (n, 3) array_like, optional
+            Points to add, world RAS mm.
+        onStep : callable, optional
+
+        Returns
+        -------
+        (n,) ndarray
+            Distances of all boundary points from the new surface, mm; positive outside.
+
+        Raises
+        ------
+        ValueError
+            If the organ has no surface yet, or cannot be fitted.
+        """
+        from VICRegistrationLib.registration.organ import finish
+
+        volumeNode = volumeOf(organ) or self.getParameterNode().volume
+        volumes.imageFromVolume(volumeNode)
+        addPoints(boundaryPointsOf(organ, volumeNode), boundaryPoints)
+        finish(fitting.refitSteps(organ, volumeNode), onStep)
+        return fitting.boundaryDeviations(organ, volumeNode)
+
+    def surface(self, organ):
+        """B-spline surface of an organ.
+
+        Parameters
+        ----------
+        organ : VICRegistrationLib.mrml.parameters.OrganParameters
+
+        Returns
+        -------
+        VICRegistrationLib.geometry.surface.BSplineSurface
+            Local RAS mm: that of the volume before its parent transform.
+
+        Raises
+        ------
+        ValueError
+            If the organ has none.
+        """
+        return surfaces.surfaceFromModel(organ.surface)
+
+    def setSurface(self, organ, surface):
+        """Give an organ a surface to start a refit from, such as one of another program.
+
+        Parameters
+        ----------
+        organ : VICRegistrationLib.mrml.parameters.OrganParameters
+        surface : VICRegistrationLib.geometry.surface.BSplineSurface
+            Local RAS mm.
+        """
+        volumeNode = volumeOf(organ) or self.getParameterNode().volume
+        volumes.imageFromVolume(volumeNode)
+        surfaces.showSurface(modelOf(organ, volumeNode), surface, name=organ.label)
+
+    @contextlib.contextmanager
+    def _separated(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, segment=None):
+        """Add an organ and separate it; it is removed again when that or what follows fails."""
+        volumes.imageFromVolume(volumeNode)
+        parameters = self.getParameterNode()
+        with Organs(parameters).adding(name) as organ:
+            parameters.volume = volumeNode
+            addPoints(seedsOf(organ, volumeNode), seeds)
+            fitting.setThresholds(organ, thresholds)
+            organ.setErosion(erosion)
+            if segment is not None:
+                organ.source = RegionSource.SEGMENT
+                organ.inputSegmentation, organ.inputSegmentId = segment
+            fitting.separateOrgan(organ, volumeNode)
+            yield organ
 
 
 class VICRegistrationTest(ScriptedLoadableModuleTest):
-    """Self test: the library is installed and reads a volume of the scene."""
+    """Self test of the logic on the synthetic MRI; Testing/Slicer has those of the panel."""
 
     def setUp(self):
-        """Start from an empty scene."""
+        """Start from an empty scene with the synthetic MRI."""
         slicer.mrmlScene.Clear()
+        self.phantom, self.volume = samples.phantom(), samples.addPhantomVolume()
+        self.logic = VICRegistrationLogic()
 
     def runTest(self):
         """Run every test."""
-        self.setUp()
-        self.test_imageFromVolume()
-
-    def test_imageFromVolume(self):
-        """An oblique, left-handed volume under a transform keeps its grey levels and its place."""
-        array = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
-        ijkToRas = np.array([[0.6, 0, 0, 10], [0, 0.3, 2.4, -20], [0, 0.4, -1.8, 5], [0, 0, 0, 1]])
-        node = slicer.util.addVolumeFromArray(array, ijkToRAS=ijkToRas, name="VIC self test")
-        transform = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "VIC shift")
-        transform.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(np.eye(4) + np.eye(4, k=3) * 7))
-        node.SetAndObserveTransformNodeID(transform.GetID())
-        image = VICRegistrationLogic().imageFromVolume(node)
-        np.testing.assert_array_equal(image.array, array)
-        np.testing.assert_allclose(image.to_ras(np.array([[2.0, 1.0, 1.0]])), [[18.2, -17.3, 3.6]])
+        for test in (self.test_fit, self.test_refit, self.test_sceneBundle, self.test_badSeed):
+            self.setUp()
+            test()
         self.delayDisplay(_("The self test passed."))
+
+    def test_fit(self):
+        """Every organ is fitted within a third of a pixel of the truth, from clicks alone."""
+        for name, seeds in self.phantom.seeds.items():
+            organ = self.logic.fit(self.volume, seeds, name=name)
+            self.assertLess(self.deviation(organ), 0.2)
+            self.assertAlmostEqual(organ.volumeMl, self.phantom.surfaces[name].volume() / 1000.0, delta=1.0)
+
+    def test_refit(self):
+        """A boundary point 5 mm outside of the bladder is reached within half a millimetre."""
+        organ = self.logic.fit(self.volume, self.phantom.seeds["bladder"], name="bladder")
+        surface = self.logic.surface(organ)
+        (u_low, u_high), (v_low, v_high) = surface.domain
+        u, v = [0.3 * u_low + 0.7 * u_high], [0.5 * v_low + 0.5 * v_high]
+        deviations = self.logic.refit(organ, surface.points(u, v) + 5.0 * surface.normals(u, v))
+        self.assertLess(abs(deviations[0]), 0.5)
+
+    def test_sceneBundle(self):
+        """A scene that is saved and loaded holds the organ bit for bit."""
+        import os
+        import tempfile
+
+        organ = self.logic.fit(self.volume, self.phantom.seeds["rectum"], name="rectum")
+        net, threshold = self.logic.surface(organ).control_net, organ.threshold.minimum
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "scene.mrb")
+            self.assertTrue(slicer.util.saveScene(path))
+            slicer.mrmlScene.Clear()
+            slicer.util.loadScene(path)
+        (loaded,) = self.logic.organs()
+        self.assertEqual(self.logic.surface(loaded).control_net.tobytes(), net.tobytes())
+        self.assertEqual((loaded.label, loaded.threshold.minimum), ("rectum", threshold))
+
+    def test_badSeed(self):
+        """A seed outside of the volume is refused, and leaves nothing in the scene."""
+        before = slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLMarkupsFiducialNode")
+        with self.assertRaisesRegex(ValueError, "outside"):
+            self.logic.fit(self.volume, [(1000.0, 0.0, 0.0)])
+        self.assertEqual(slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLMarkupsFiducialNode"), before)
+
+    def deviation(self, organ):
+        """Mean distance of an organ's surface from the truth, mm."""
+        from VICRegistrationLib.analysis.deviation import deviation
+
+        return deviation(self.logic.surface(organ), self.phantom.surfaces[organ.label], n_points=2000).mean

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
-PACKAGES = {"geometry", "imaging", "registration", "analysis", "export", "mrml", "gui"}
+PACKAGES = {"geometry", "imaging", "registration", "analysis", "export", "meshing", "simulation", "mrml", "gui"}
 SLICER_NAMES = {"slicer", "qt", "ctk", "SampleData", "MRMLCorePython"}
 ICONS = [ROOT / "Resources" / "VICRegistration.png", MODULE / "Resources" / "Icons" / "VICRegistration.png"]
 
@@ -127,8 +127,10 @@ def test_the_licence_is_apache_2():
         ("geometry", {"geometry"}),
         ("imaging", {"imaging"}),
         ("registration", {"registration", "geometry", "imaging"}),
-        ("analysis", PACKAGES - {"mrml", "gui"}),
-        ("export", PACKAGES - {"mrml", "gui"}),
+        ("analysis", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
+        ("export", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
+        ("meshing", {"meshing", "export", "geometry"}),
+        ("simulation", {"simulation", "meshing", "export", "analysis", "geometry"}),
         ("mrml", PACKAGES - {"gui"}),
     ],
 )
@@ -136,12 +138,15 @@ def test_imports_point_one_way(package, allowed):
     assert [found for found in packages_imported_by(package) if found[1] not in allowed] == []
 
 
-def test_only_mrml_and_gui_know_slicer():
+@pytest.mark.parametrize(
+    ("names", "packages"), [(SLICER_NAMES, {"mrml", "gui"}), ({"qt", "ctk"}, {"gui"})], ids=["Slicer", "Qt"]
+)
+def test_who_knows_slicer_and_who_knows_qt(names, packages):
     known = [
         (path.relative_to(LIBRARY).as_posix(), name)
         for path in sorted(LIBRARY.rglob("*.py"))
-        if path.relative_to(LIBRARY).parts[0] not in {"mrml", "gui"}
+        if path.relative_to(LIBRARY).parts[0] not in packages
         for name in imported_names(path)
-        if name.split(".")[0] in SLICER_NAMES
+        if name.split(".")[0] in names
     ]
     assert known == []

@@ -1,0 +1,42 @@
+"""The self tests of the panel that run in Slicer (Testing/Slicer), on the recorded widgets."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("slicer", reason="slicer-core is not installed")
+
+
+@pytest.fixture
+def panelTests(recorded, slicer_module, monkeypatch):
+    """The module of the self tests."""
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "Slicer"))
+    sys.modules.pop("panel_tests", None)
+    import panel_tests
+
+    return panel_tests
+
+
+def names():
+    """Test methods as class.method, read off the file: it cannot be imported before the bench is there."""
+    import ast
+
+    tree = ast.parse((Path(__file__).resolve().parents[1] / "Slicer" / "panel_tests.py").read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef):
+            for child in node.body:
+                if isinstance(child, ast.FunctionDef) and child.name.startswith("test_"):
+                    yield node.name, child.name
+
+
+@pytest.mark.parametrize(("group", "name"), list(names()))
+def test_in_the_panel(panelTests, group, name):
+    case = getattr(panelTests, group)(name)
+    case.setUp()
+    try:
+        getattr(case, name)()
+    finally:
+        case.tearDown()

@@ -1,0 +1,198 @@
+"""The panel's .ui file asks only for what Slicer has; Slicer itself would pass over mistakes in silence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from recorded_widgets import record
+from recorded_widgets.ui_loader import problems, readUi
+
+MODULE = Path(__file__).resolve().parents[2] / "VICRegistration"
+UI = MODULE / "Resources" / "UI" / "VICRegistration.ui"
+
+pytestmark = pytest.mark.skipif(
+    not (record.FOLDER / "qt.json").is_file(),
+    reason="there is no folder ../shared/slicer-api, the record of Slicer's widgets, beside the project",
+)
+
+# What a user can click or type into.
+INPUTS = (
+    *(
+        "QCheckBox",
+        "QComboBox",
+        "QDoubleSpinBox",
+        "QLineEdit",
+        "QPushButton",
+        "QSpinBox",
+        "QTableWidget",
+        "QToolButton",
+    ),
+    *("ctkRangeWidget", "ctkSliderWidget", "qMRMLNodeComboBox", "qMRMLSegmentSelectorWidget"),
+    "qSlicerMarkupsPlaceWidget",
+)
+
+# The names that the code of the panel relies on, by class.
+NAMES = {
+    "qMRMLWidget": "VICRegistration",
+    "ctkCollapsibleButton": "inputsSection separateSection fitSection correctSection exportSection advancedSection",
+    "qMRMLNodeComboBox": "volumeSelector",
+    "QTableWidget": "organsTable boundaryTable",
+    "QComboBox": "presetCombo sourceCombo closureCombo profileCombo levelsCombo solverCombo stoppingCombo "
+    "exportFormatCombo exportOrgansCombo meshOrderCombo",
+    "QPushButton": "addOrganButton removeOrganButton suggestButton fitButton fitAllButton cancelButton refitButton "
+    "undoPointButton exportButton cancelExportButton asPublishedButton defaultsButton",
+    "qMRMLSegmentSelectorWidget": "segmentSelector",
+    "qSlicerMarkupsPlaceWidget": "seedPlaceWidget boundaryPlaceWidget",
+    "ctkRangeWidget": "thresholdRange",
+    "ctkSliderWidget": "erosionSlider dilationSlider boundaryWeightSlider tauSlider smoothnessSlider "
+    "meshSizeSlider meshWallSlider",
+    "QCheckBox": "erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck tauAutomaticCheck",
+    "QLabel": "regionStatusLabel fitStatusLabel correctStatusLabel exportStatusLabel",
+    "ctkPathLineEdit": "exportFolderEdit",
+    "QProgressBar": "progressBar",
+    "QWidget": "plotFrame",
+    "QSpinBox": "netRowsSpin netColumnsSpin maxIterationsSpin exportFacesSpin",
+    "QDoubleSpinBox": "insideSpin outsideSpin toleranceSpin",
+}
+
+
+@pytest.fixture(scope="module")
+def ui():
+    """The file, read; two widgets of one name would be an error here."""
+    return readUi(UI)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """A small .ui file around some XML, read."""
+
+    def make(widgets="", connections="", customs="<customwidget><class>qMRMLWidget</class></customwidget>"):
+        path = tmp_path / "panel.ui"
+        path.write_text(
+            f'<ui version="4.0"><widget class="qMRMLWidget" name="Panel"><layout class="QVBoxLayout" name="l">'
+            f"<item>{widgets}</item></layout></widget><customwidgets>{customs}</customwidgets>"
+            f"<connections>{connections}</connections></ui>"
+        )
+        return path
+
+    return make
+
+
+def connection(signal, receiver, slot):
+    """XML of a connection of the panel."""
+    return (
+        f"<connection><sender>Panel</sender><signal>{signal}</signal>"
+        f"<receiver>{receiver}</receiver><slot>{slot}</slot></connection>"
+    )
+
+
+def test_every_class_property_signal_and_slot_is_one_of_slicers(ui):
+    assert problems(ui) == []
+
+
+@pytest.mark.parametrize("cls", NAMES)
+def test_the_widgets_that_the_code_uses_are_there(ui, cls):
+    assert {name for name in NAMES[cls].split() if ui.widgets.get(name) != cls} == set()
+
+
+def test_names_of_widgets_and_layouts_are_different(ui):
+    assert not set(ui.widgets) & set(ui.layouts)
+
+
+def test_names_do_not_hide_inner_parts_of_slicers_widgets(ui):
+    inner = {"Slider", "SpinBox", "MinimumSpinBox", "MaximumSpinBox", "PlaceButton", "DeleteButton", "MoreButton"}
+    assert not inner & set(ui.widgets)
+
+
+def test_every_input_has_a_tooltip(ui):
+    told = {name for name, _, member, element in ui.properties if member == "toolTip" and element.findtext("string")}
+    assert {name for name, cls in ui.widgets.items() if cls in INPUTS} - told == set()
+
+
+def test_widgets_that_need_the_scene_are_connected_to_it(ui):
+    need = {name for name, cls in ui.widgets.items() if "setMRMLScene(vtkMRMLScene*)" in record.load()[cls].slots}
+    wired = {
+        receiver
+        for sender, signal, receiver, slot in ui.connections
+        if (sender, signal, slot)
+        == ("VICRegistration", "mrmlSceneChanged(vtkMRMLScene*)", "setMRMLScene(vtkMRMLScene*)")
+    }
+    assert need - wired == {"VICRegistration"}
+
+
+def test_parameters_are_not_bound_by_the_file(ui):
+    # One panel shows one organ after the other; connectGui would take all widgets at once.
+    assert [name for name, _, member, _ in ui.properties if member == "SlicerParameterName"] == []
+
+
+def test_custom_widgets_have_headers(ui):
+    assert {cls: header for cls, header in ui.customs.items() if header != f"{cls}.h"} == {}
+
+
+def test_maxima_come_before_values_which_they_would_cut(ui):
+    order = {}
+    for name, _, member, _ in ui.properties:
+        order.setdefault(name, []).append(member)
+    for name, members in order.items():
+        for limit, value in (("maximum", "value"), ("minimum", "value"), ("decimals", "value")):
+            if limit in members and value in members:
+                assert members.index(limit) < members.index(value), name
+
+
+def test_the_panel_is_built_from_the_file(recorded, scene, ui):
+    import slicer
+
+    panel = recorded.load_ui(UI)
+    names = vars(slicer.util.childWidgetVariables(panel))
+    assert set(ui.widgets) <= set(names)
+    panel.setMRMLScene(scene)
+    for name in ("volumeSelector", "segmentSelector", "seedPlaceWidget", "boundaryPlaceWidget"):
+        assert names[name]._scene is scene, name
+
+
+# --- what is found in files that are wrong ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("widget", "message"),
+    [
+        ('<widget class="QPushButon" name="fit"/>', "no class QPushButon"),
+        ('<widget class="ctkRangeWidget" name="range"/>', "no customwidget entry"),
+        ('<widget class="QLabel" name="a"><property name="txt"><string/></property></widget>', "no property txt"),
+    ],
+)
+def test_a_wrong_widget_is_found(write, widget, message):
+    assert [found for found in problems(readUi(write(widget))) if message in found]
+
+
+@pytest.mark.parametrize(
+    ("signal", "receiver", "slot", "message"),
+    [
+        ("sceneChanged(vtkMRMLScene*)", "box", "clear()", "no signal sceneChanged"),
+        ("mrmlSceneChanged(vtkMRMLScene*)", "box", "setMRMLScene(vtkMRMLScene*)", "no slot setMRMLScene"),
+        ("mrmlSceneChanged(vtkMRMLScene*)", "other", "clear()", "no widget other"),
+        ("mrmlSceneChanged(vtkMRMLScene*)", "box", "setCurrentIndex(int)", "does not fit"),
+    ],
+)
+def test_a_wrong_connection_is_found(write, signal, receiver, slot, message):
+    path = write('<widget class="QComboBox" name="box"/>', connection(signal, receiver, slot))
+    assert [found for found in problems(readUi(path)) if message in found]
+
+
+def test_a_name_that_is_there_twice_is_an_error(write):
+    with pytest.raises(ValueError, match="'a'.*twice"):
+        readUi(write('<widget class="QLabel" name="a"/><widget class="QLabel" name="a"/>'))
+
+
+def test_a_file_that_is_missing_or_no_xml_is_a_runtime_error(recorded, tmp_path):
+    with pytest.raises(RuntimeError, match="not found"):
+        recorded.load_ui(tmp_path / "none.ui")
+    (tmp_path / "broken.ui").write_text("<ui>")
+    with pytest.raises(RuntimeError, match="Could not load"):
+        recorded.load_ui(tmp_path / "broken.ui")
+
+
+def test_a_wrong_file_is_not_built(recorded, write):
+    with pytest.raises(ValueError, match="no property txt"):
+        recorded.load_ui(write('<widget class="QLabel" name="a"><property name="txt"><string/></property></widget>'))

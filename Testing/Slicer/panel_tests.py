@@ -1,0 +1,382 @@
+"""The panel as it is clicked: runs in Slicer, with and without its main window, and on the test bench.
+
+In Slicer: ``Slicer --testing --no-main-window --python-script Testing/Slicer/run.py``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import tempfile
+import time
+import unittest
+
+import numpy as np
+import slicer
+
+from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.mrml import samples
+from VICRegistrationLib.mrml.surfaces import surfaceFromModel
+
+
+def waitFor(condition, *, seconds=60.0):
+    """Let Slicer work until a condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            message = "Slicer did not get there in time"
+            raise AssertionError(message)
+        slicer.app.processEvents()
+
+
+class PanelTestCase(unittest.TestCase):
+    """A scene with the synthetic MRI, and the module's panel."""
+
+    def setUp(self):
+        slicer.mrmlScene.Clear()
+        self.phantom = samples.phantom()
+        self.widget = slicer.util.getModuleWidget("VICRegistration")
+        self.volume = samples.addPhantomVolume()
+        if slicer.app.layoutManager() is None:
+            # Without a main window modules are not entered by themselves.
+            self.widget.enter()
+        else:
+            slicer.util.selectModule("VICRegistration")
+        self.ui, self.panel = self.widget.ui, self.widget.panel
+        self.ui.volumeSelector.setCurrentNode(self.volume)
+
+    def tearDown(self):
+        self.panel.stop()
+        slicer.mrmlScene.Clear()
+
+    @property
+    def organ(self):
+        return self.panel.organs.current()
+
+    def add(self, name):
+        """Add an organ of a preset."""
+        self.ui.presetCombo.setCurrentIndex(self.ui.presetCombo.findText(name))
+        self.ui.addOrganButton.click()
+
+    def placeSeeds(self, name, *, count=3):
+        """Place seeds as clicks do, and wait for the region."""
+        for seed in self.phantom.seeds[name][:count]:
+            self.organ.seeds.AddControlPointWorld(*seed)
+        self.waitForRegion()
+
+    def waitForRegion(self):
+        waitFor(lambda: not self.panel.separateSection.isWaiting)
+
+    def waitForFit(self):
+        waitFor(lambda: not self.panel.fitSection.running)
+
+    def fitted(self, name):
+        """Add an organ and fit it."""
+        self.add(name)
+        self.placeSeeds(name)
+        self.ui.fitButton.click()
+        self.waitForFit()
+        return self.organ
+
+    def regionVoxels(self):
+        """Number of voxels of the current organ's segment."""
+        organ = self.organ
+        mask = slicer.util.arrayFromSegmentBinaryLabelmap(organ.regions, organ.regionSegmentId, self.volume)
+        return int(np.count_nonzero(mask))
+
+    def distance(self, organ):
+        """Mean distance from the truth, mm."""
+        return deviation(surfaceFromModel(organ.surface), self.phantom.surfaces[organ.label], n_points=2000).mean
+
+
+class SeparateTest(PanelTestCase):
+    """Seeds, grey levels, erosion, and the region that follows them."""
+
+    def test_aSeedSuggestsTheGreyLevelsAndShowsTheRegion(self):
+        self.add("bladder")
+        self.assertIn("seed", self.ui.regionStatusLabel.text)
+        self.placeSeeds("bladder", count=1)
+        truth = self.phantom.surfaces["bladder"].volume() / 1000.0
+        self.assertAlmostEqual(self.organ.volumeMl, truth, delta=0.05 * truth)
+        self.assertIn("ml", self.ui.regionStatusLabel.text)
+        low, high = self.ui.thresholdRange.minimumValue, self.ui.thresholdRange.maximumValue
+        self.assertEqual((low, high), (round(self.organ.threshold.minimum), round(self.organ.threshold.maximum)))
+        self.assertTrue(400 < low < 850 < high)
+
+    def test_theRegionFollowsTheGreyLevelsAndTheErosion(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        whole = self.regionVoxels()
+        range_ = self.ui.thresholdRange
+        range_.setValues(900, range_.maximumValue)
+        self.waitForRegion()
+        self.assertLess(self.regionVoxels(), 0.95 * whole)
+        self.ui.suggestButton.click()
+        self.waitForRegion()
+        self.assertAlmostEqual(self.regionVoxels(), whole, delta=1)
+        self.ui.erosionAutomaticCheck.click()
+        self.ui.erosionSlider.value = 15.0
+        self.waitForRegion()
+        self.assertLess(self.regionVoxels(), whole)
+
+    def test_whatIsWrongIsToldInTheStatusLine(self):
+        self.add("bladder")
+        self.organ.seeds.AddControlPointWorld(1000.0, 0.0, 0.0)
+        self.waitForRegion()
+        self.assertIn("outside", self.ui.regionStatusLabel.text)
+        self.assertEqual(self.organ.surface, None)
+
+    def test_aSegmentIsTakenInstead(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        regions, segmentId, volume = self.organ.regions, self.organ.regionSegmentId, self.organ.volumeMl
+        self.add("uterus")
+        self.ui.sourceCombo.setCurrentIndex(1)
+        self.ui.segmentSelector.setCurrentNode(regions)
+        self.ui.segmentSelector.setCurrentSegmentID(segmentId)
+        self.waitForRegion()
+        self.assertAlmostEqual(self.organ.volumeMl, volume, places=3)
+        self.ui.fitButton.click()
+        self.waitForFit()
+        truth = self.phantom.surfaces["bladder"]
+        self.assertLess(deviation(surfaceFromModel(self.organ.surface), truth, n_points=2000).mean, 0.3)
+
+
+class FitTest(PanelTestCase):
+    """Fitting, cancelling, and what may happen meanwhile."""
+
+    def test_organsAreFittedNextToEachOther(self):
+        for name in ("bladder", "vagina", "rectum"):
+            self.add(name)
+            self.placeSeeds(name)
+        self.ui.fitAllButton.click()
+        self.waitForFit()
+        self.assertEqual([organ.label for organ in self.panel.organs], ["bladder", "vagina", "rectum"])
+        for row, organ in enumerate(self.panel.organs):
+            self.assertLess(self.distance(organ), 0.3)
+            self.assertEqual(self.ui.organsTable.item(row, 3).text(), f"{organ.volumeMl:.1f}")
+        self.assertEqual(self.ui.progressBar.value, 100)
+        self.assertIn("iterations", self.ui.fitStatusLabel.text)
+
+    def test_cancelBringsTheSurfaceBack(self):
+        organ = self.fitted("bladder")
+        before = surfaceFromModel(organ.surface).control_net
+        self.ui.netRowsSpin.value = 13
+        self.ui.fitButton.click()
+        slicer.app.processEvents()
+        self.assertTrue(self.ui.cancelButton.enabled)
+        self.ui.cancelButton.click()
+        self.waitForFit()
+        np.testing.assert_array_equal(surfaceFromModel(organ.surface).control_net, before)
+        self.assertIn("Cancelled", self.ui.fitStatusLabel.text)
+
+    def test_theFirstFitIsCancelledWithoutATrace(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        self.ui.fitButton.click()
+        self.ui.cancelButton.click()
+        self.waitForFit()
+        self.assertEqual(self.organ.surface, None)
+        self.assertTrue(self.ui.fitButton.enabled)
+
+    def test_theVolumeGoesMeanwhile(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        self.ui.fitButton.click()
+        slicer.app.processEvents()
+        slicer.mrmlScene.RemoveNode(self.volume)
+        self.waitForFit()
+        self.assertFalse(self.ui.fitButton.enabled)
+
+    def test_theSceneIsClosedMeanwhile(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        self.ui.fitButton.click()
+        slicer.app.processEvents()
+        slicer.mrmlScene.Clear()
+        self.waitForFit()
+        self.assertEqual(len(self.panel.organs), 0)
+        self.assertEqual(self.ui.organsTable.rowCount, 0)
+
+    def test_anotherModuleIsChosenMeanwhile(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        self.ui.fitButton.click()
+        organ = self.organ
+        self.widget.exit()
+        self.waitForFit()
+        self.widget.enter()
+        self.assertLess(self.distance(self.panel.organs.of(organ.parameterNode)), 0.3)
+
+    def test_asPublished(self):
+        self.add("bladder")
+        self.ui.asPublishedButton.click()
+        self.assertEqual(self.organ.solver.value, "gradient-descent")
+        self.assertEqual((self.organ.closure.value, self.organ.stopping.value), ("paper", "published"))
+        self.assertEqual(self.organ.options().smoothness, 0.0)
+        self.ui.defaultsButton.click()
+        self.assertEqual(self.organ.solver.value, "gauss-newton")
+        self.assertEqual((self.organ.netRows, self.ui.netRowsSpin.value), (9, 9))
+
+    def test_theConvergenceIsPlotted(self):
+        organ = self.fitted("rectum")
+        self.ui.convergenceCheck.click()
+        self.assertTrue(organ.plot.GetNumberOfPlotSeriesNodes() == 1)
+        self.assertEqual(organ.convergence.GetNumberOfRows(), int(organ.message.split()[0]))
+
+
+class CorrectTest(PanelTestCase):
+    """Boundary points."""
+
+    def test_theSurfaceIsPulledToAPoint(self):
+        organ = self.fitted("bladder")
+        surface, before = surfaceFromModel(organ.surface), self.distance(organ)
+        (u_low, u_high), (v_low, v_high) = surface.domain
+        u, v = [0.3 * u_low + 0.7 * u_high], [0.5 * v_low + 0.5 * v_high]
+        (point,) = surface.points(u, v) + 5.0 * surface.normals(u, v)
+        organ.boundaryPoints.AddControlPointWorld(*point)
+        self.assertEqual(self.ui.boundaryTable.rowCount, 1)
+        self.assertAlmostEqual(float(self.ui.boundaryTable.item(0, 1).text()), 5.0, delta=0.1)
+        self.ui.refitButton.click()
+        self.waitForFit()
+        self.assertLess(abs(float(self.ui.boundaryTable.item(0, 1).text())), 0.5)
+        self.ui.undoPointButton.click()
+        self.assertEqual(self.ui.boundaryTable.rowCount, 0)
+        self.ui.refitButton.click()
+        self.waitForFit()
+        self.assertAlmostEqual(self.distance(organ), before, delta=0.02)
+        self.assertEqual(surfaceFromModel(organ.surface).control_net.shape, surface.control_net.shape)
+
+
+class ExportTest(PanelTestCase):
+    """Files for CAD and simulation."""
+
+    def export(self, suffix, folder):
+        """Export in a format, and wait for the end."""
+        combo = self.ui.exportFormatCombo
+        combo.setCurrentIndex([combo.itemData(index) for index in range(combo.count)].index(suffix))
+        self.ui.exportFolderEdit.currentPath = folder
+        self.assertTrue(self.ui.exportButton.enabled)
+        self.ui.exportButton.click()
+        waitFor(lambda: not self.panel.exportSection.running, seconds=300.0)
+
+    def test_nothingIsExportedBeforeAFit(self):
+        self.add("rectum")
+        self.assertFalse(self.ui.exportButton.enabled)
+
+    def test_theSurfacesAreWrittenWhereTheyLie(self):
+        self.fitted("rectum")
+        self.fitted("vagina")
+        self.ui.exportOrgansCombo.setCurrentIndex(1)
+        with tempfile.TemporaryDirectory() as folder:
+            self.export(".step", folder)
+            self.export(".stl", folder)
+            self.assertEqual(sorted(os.listdir(folder)), ["organs.step", "rectum.stl", "vagina.stl"])
+            with open(os.path.join(folder, "organs.step"), encoding="ascii") as file:
+                text = file.read()
+        self.assertTrue(text.startswith("ISO-10303-21;"))
+        self.assertEqual(text.count("MANIFOLD_SOLID_BREP"), 2)
+        self.assertIn("vagina", text)
+
+    def test_aMeshComesBackAsAModel(self):
+        if importlib.util.find_spec("gmsh") is None:
+            self.skipTest("gmsh is not installed")
+        organ = self.fitted("rectum")
+        self.ui.meshSizeSlider.value = 6.0
+        with tempfile.TemporaryDirectory() as folder:
+            self.export(".vtu", folder)
+            self.assertIn("rectum.vtu", os.listdir(folder))
+        mesh = slicer.util.getNode("rectum mesh")
+        self.assertEqual(mesh.GetMesh().GetClassName(), "vtkUnstructuredGrid")
+        low, high = np.reshape(mesh.GetMesh().GetBounds(), (3, 2)).T
+        np.testing.assert_allclose([low, high], np.reshape(organ.surface.GetPolyData().GetBounds(), (3, 2)).T, atol=0.5)
+        self.assertIn("tetrahedra", self.ui.exportStatusLabel.text)
+
+    def test_withoutAFolderNothingIsWritten(self):
+        self.fitted("rectum")
+        self.ui.exportFolderEdit.currentPath = ""
+        self.ui.exportButton.click()
+        self.assertIn("folder", self.ui.exportStatusLabel.text)
+
+
+class SceneTest(PanelTestCase):
+    """What is saved, loaded, renamed and removed."""
+
+    def test_aSavedSceneComesBack(self):
+        organ = self.fitted("rectum")
+        self.ui.erosionAutomaticCheck.click()
+        self.ui.erosionSlider.value = 1.5
+        self.waitForRegion()
+        net, message = surfaceFromModel(organ.surface).control_net, organ.message
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "scene.mrb")
+            self.assertTrue(slicer.util.saveScene(path))
+            slicer.mrmlScene.Clear()
+            self.assertEqual(self.ui.organsTable.rowCount, 0)
+            slicer.util.loadScene(path)
+        self.assertEqual(self.ui.organsTable.rowCount, 1)
+        self.assertEqual(self.ui.organsTable.item(0, 2).text(), "rectum")
+        loaded = self.organ
+        self.assertEqual(surfaceFromModel(loaded.surface).control_net.tobytes(), net.tobytes())
+        self.assertEqual((loaded.message, loaded.erosionMm, self.ui.erosionSlider.value), (message, 1.5, 1.5))
+        self.ui.fitButton.click()
+        self.waitForFit()
+        self.assertLess(self.distance(loaded), 0.3)
+
+    def test_deletedNodesAreMadeAgainOrMissed(self):
+        organ = self.fitted("bladder")
+        for node in (organ.surface, organ.convergence, organ.plot, organ.boundaryPoints, organ.regions):
+            slicer.mrmlScene.RemoveNode(node)
+            slicer.app.processEvents()
+        self.assertFalse(self.ui.refitButton.enabled)
+        self.ui.fitButton.click()
+        self.waitForFit()
+        self.assertLess(self.distance(organ), 0.3)
+        slicer.mrmlScene.RemoveNode(organ.seeds)
+        self.assertEqual(organ.seeds.GetNumberOfControlPoints(), 0)
+        slicer.mrmlScene.RemoveNode(organ.parameterNode)
+        self.assertEqual(self.ui.organsTable.rowCount, 0)
+
+    def test_anOrganIsRenamedColouredHiddenAndRemoved(self):
+        organ = self.fitted("bladder")
+        self.ui.organsTable.item(0, 2).setText("Harnblase")
+        self.assertEqual((organ.label, organ.surface.GetName()), ("Harnblase", "Harnblase surface"))
+        self.ui.organsTable.cellWidget(0, 0).click()
+        self.assertFalse(organ.surface.GetDisplayNode().GetVisibility())
+        self.ui.organsTable.cellWidget(0, 0).click()
+        self.assertTrue(organ.surface.GetDisplayNode().GetVisibility())
+        models = slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLModelNode")
+        self.ui.removeOrganButton.click()
+        self.assertEqual(slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLModelNode"), models - 1)
+        self.assertEqual(self.ui.organsTable.rowCount, 0)
+        self.assertFalse(self.ui.fitButton.enabled)
+
+    def test_theOrganThatIsChosenIsTheOneThatIsShown(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        self.ui.netRowsSpin.value = 11
+        self.add("rectum")
+        self.assertEqual(self.ui.netRowsSpin.value, 9)
+        self.ui.organsTable.selectRow(0)
+        self.assertEqual((self.organ.label, self.ui.netRowsSpin.value), ("bladder", 11))
+        self.assertIs(self.ui.seedPlaceWidget.currentNode(), self.organ.seeds)
+
+    def test_noPlaceModeIsLeftBehind(self):
+        self.add("bladder")
+        self.assertTrue(self.ui.seedPlaceWidget.placeModeEnabled)
+        self.widget.exit()
+        self.assertFalse(self.ui.seedPlaceWidget.placeModeEnabled)
+        self.widget.enter()
+
+    def test_whatHappensWhileAnotherModuleIsShownIsSeenAfterwards(self):
+        self.add("bladder")
+        organ = self.organ
+        self.widget.exit()
+        self.assertFalse(self.ui.fitButton.enabled)
+        organ.seeds.AddControlPointWorld(*self.phantom.seeds["bladder"][0])
+        self.assertFalse(self.panel.separateSection.isWaiting)
+        organ.netRows = 12
+        self.assertEqual(self.ui.organsTable.rowCount, 0)
+        self.widget.enter()
+        self.assertEqual((self.ui.organsTable.rowCount, self.ui.netRowsSpin.value), (1, 12))
+        self.assertTrue(self.ui.fitButton.enabled)

@@ -1,0 +1,77 @@
+"""The collapsed section of the settings that have defaults: net, profile, solver, stop rules."""
+
+from __future__ import annotations
+
+from ..mrml.parameters import Levels
+from .binding import Binding
+
+
+class AdvancedSection:
+    """Settings of the fit; "As published" and "Defaults" set all of them at once.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    """
+
+    def __init__(self, ui):
+        self._ui = ui
+        self._organ = self._binding = None
+        ui.asPublishedButton.connect("clicked()", self._setAsPublished)
+        ui.defaultsButton.connect("clicked()", self._setDefaults)
+
+    def setOrgan(self, organ):
+        """Show the settings of an organ.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+        """
+        if self._binding is not None:
+            self._binding.release()
+            self._binding = None
+        self._organ = organ
+        if organ is not None:
+            self._binding = Binding(organ, self._mapping())
+        self.refresh()
+
+    def refresh(self):
+        """Enable what has an effect."""
+        ui, organ = self._ui, self._organ
+        ui.advancedSection.enabled = organ is not None
+        if organ is None:
+            return
+        ui.tauSlider.enabled = not organ.tauAutomatic
+        for spin in (ui.insideSpin, ui.outsideSpin):
+            spin.enabled = organ.levels is Levels.GIVEN
+
+    def _mapping(self):
+        ui = self._ui
+        return {
+            "netRows": ui.netRowsSpin,
+            "netColumns": ui.netColumnsSpin,
+            "closure": ui.closureCombo,
+            "tauMm": ui.tauSlider,
+            "tauAutomatic": ui.tauAutomaticCheck,
+            "profile": ui.profileCombo,
+            "levels": ui.levelsCombo,
+            "inside": ui.insideSpin,
+            "outside": ui.outsideSpin,
+            "smoothnessLog10": ui.smoothnessSlider,
+            "solver": ui.solverCombo,
+            "stopping": ui.stoppingCombo,
+            "toleranceMm": ui.toleranceSpin,
+            "maxIterations": ui.maxIterationsSpin,
+        }
+
+    def _setAsPublished(self):
+        from ..registration.options import FitOptions
+
+        if self._organ is not None:
+            self._organ.setFitOptions(FitOptions.as_published())
+
+    def _setDefaults(self):
+        from ..registration.options import FitOptions
+
+        if self._organ is not None:
+            self._organ.setFitOptions(FitOptions())

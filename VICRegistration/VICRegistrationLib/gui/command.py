@@ -1,0 +1,63 @@
+"""The command line of the library in a process of its own, watched from Qt's event loop."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import qt
+
+_LIBRARY = Path(__file__).resolve().parents[2]
+_PROGRAM = "import sys; sys.path.insert(0, sys.argv.pop(1)); from VICRegistrationLib.cli import main; sys.exit(main())"
+# How long a process that was asked to end may take to tidy up, ms.
+_PATIENCE_MS = 3000
+
+
+class Command:
+    """A command of ``vic-registration`` that runs while the panel stays alive.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Words of the command.
+    onLine : callable
+        Called with every line that it prints.
+    onEnd : callable
+        Called once with its exit code: 0, or another one if it failed, crashed or was cancelled.
+    """
+
+    def __init__(self, arguments, onLine, onEnd):
+        self._onLine, self._onEnd, self._rest = onLine, onEnd, ""
+        self._process = qt.QProcess()
+        self._process.setProcessChannelMode(qt.QProcess.MergedChannels)
+        self._process.connect("readyReadStandardOutput()", self._read)
+        self._process.connect("finished(int,QProcess::ExitStatus)", self._finished)
+        self._process.connect("errorOccurred(QProcess::ProcessError)", self._failed)
+        python = shutil.which("PythonSlicer") or sys.executable
+        self._process.start(python, ["-c", _PROGRAM, str(_LIBRARY), *arguments])
+
+    def cancel(self):
+        """Ask the process to end, and end it if it does not."""
+        self._process.terminate()
+        qt.QTimer.singleShot(_PATIENCE_MS, self._kill)
+
+    def _kill(self):
+        if self._process.state() != qt.QProcess.NotRunning:
+            self._process.kill()
+
+    def _read(self):
+        self._rest += self._process.readAllStandardOutput().data().decode("utf-8", "replace")
+        *lines, self._rest = self._rest.split("\n")
+        for line in lines:
+            if line.strip():
+                self._onLine(line.strip())
+
+    def _finished(self, code, status):
+        self._read()
+        self._onEnd(code if status == qt.QProcess.NormalExit else -1)
+
+    def _failed(self, error):
+        # A process that has crashed finishes as well.
+        if error == qt.QProcess.FailedToStart:
+            self._onEnd(-1)

@@ -1,0 +1,118 @@
+"""The section in which a doctor says where the wall really is: boundary points, and a new fit through them."""
+
+from __future__ import annotations
+
+import qt
+import slicer
+from slicer.i18n import tr as _
+from slicer.util import VTKObservationMixin
+
+from ..mrml.fitting import boundaryDeviations
+from ..mrml.organ_nodes import boundaryPointsOf
+from ..mrml.points import placedPoints, placingEvents, removeLastPoint
+from .binding import Binding
+
+
+class CorrectSection(VTKObservationMixin):
+    """Lists the boundary points with their distances from the surface.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    onRefit : callable
+        Called without arguments when "Refit" is pressed.
+    onPoints : callable
+        Called without arguments when points have been placed, moved or removed.
+    """
+
+    def __init__(self, ui, onRefit, onPoints):
+        VTKObservationMixin.__init__(self)
+        self._ui, self._onPoints = ui, onPoints
+        self._organ = self._volume = self._binding = None
+        table = ui.boundaryTable
+        table.setColumnCount(2)
+        table.setHorizontalHeaderLabels([_("Boundary point (mm R, A, S)"), _("Off the surface (mm)")])
+        table.verticalHeader().setVisible(False)
+        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
+        table.horizontalHeader().setSectionResizeMode(0, qt.QHeaderView.Stretch)
+        table.horizontalHeader().setSectionResizeMode(1, qt.QHeaderView.ResizeToContents)
+        ui.boundaryPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
+        ui.undoPointButton.connect("clicked()", self._removeLast)
+        ui.refitButton.connect("clicked()", onRefit)
+
+    def setOrgan(self, organ, volumeNode):
+        """Show and follow the boundary points of an organ.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+        volumeNode : vtkMRMLScalarVolumeNode or None
+        """
+        self.release()
+        if organ is None or volumeNode is None:
+            self._ui.boundaryPlaceWidget.setCurrentNode(None)
+            self.refresh(busy=False)
+            return
+        self._organ, self._volume = organ, volumeNode
+        self._binding = Binding(organ, {"boundaryWeight": self._ui.boundaryWeightSlider})
+        points = boundaryPointsOf(organ, volumeNode)
+        for event in placingEvents():
+            self.addObserver(points, event, self._pointsChanged)
+        self._ui.boundaryPlaceWidget.setCurrentNode(points)
+        self.refresh(busy=False)
+
+    def release(self):
+        """Let go of the organ and its nodes."""
+        self.removeObservers()
+        if self._binding is not None:
+            self._binding.release()
+        self._organ = self._volume = self._binding = None
+
+    def stopPlacing(self):
+        """Leave the mode in which clicks place boundary points."""
+        self._ui.boundaryPlaceWidget.setPlaceModeEnabled(False)
+
+    def refresh(self, *, busy):
+        """List the points, and enable what can be pressed.
+
+        Parameters
+        ----------
+        busy : bool
+            Whether a fit is under way.
+        """
+        ui, organ = self._ui, self._organ
+        fitted = organ is not None and organ.surface is not None
+        ui.correctSection.enabled = fitted
+        ui.refitButton.enabled = fitted and not busy
+        positions = placedPoints(organ.boundaryPoints) if organ is not None else []
+        ui.undoPointButton.enabled = len(positions) > 0
+        if busy:
+            return
+        deviations = self._deviations() if fitted else []
+        ui.boundaryTable.setRowCount(len(positions))
+        for row, position in enumerate(positions):
+            deviation = f"{deviations[row]:+.2f}" if row < len(deviations) else ""
+            for column, text in enumerate(("{:.1f}, {:.1f}, {:.1f}".format(*position), deviation)):
+                ui.boundaryTable.setItem(row, column, qt.QTableWidgetItem(text))
+
+    def _deviations(self):
+        try:
+            found = boundaryDeviations(self._organ, self._volume)
+        except ValueError as error:
+            self._ui.correctStatusLabel.text = str(error)
+            return []
+        self._ui.correctStatusLabel.text = (
+            _("Press Refit: the surface is up to {distance} mm from the points.").format(
+                distance=f"{max(abs(found)):.1f}"
+            )
+            if len(found)
+            else ""
+        )
+        return found
+
+    def _pointsChanged(self, caller=None, event=None):
+        self._onPoints()
+
+    def _removeLast(self):
+        if self._organ is not None and self._organ.boundaryPoints is not None:
+            removeLastPoint(self._organ.boundaryPoints)

@@ -1,0 +1,165 @@
+"""The section in which organs leave Slicer: exact solids, triangles, meshes for finite elements."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+
+import ctk
+from slicer.i18n import tr as _
+
+from ..mrml.exporting import MESHES, exportSurfaces, loadMesh, meshArguments
+from .command import Command
+from .packages import ensurePackage
+
+_SELECTED, _ALL = range(2)
+_VTU = ".vtu"
+
+
+def _formats():
+    return (
+        (".step", _("STEP: exact solids (.step)")),
+        (".stl", _("Triangles (.stl)")),
+        (".ply", _("Triangles (.ply)")),
+        (".vtp", _("Triangles with the control net (.vtp)")),
+        (_VTU, _("Tetrahedra, shown in the scene (.vtu)")),
+        (".msh", _("Tetrahedra for Gmsh (.msh)")),
+        (".inp", _("Tetrahedra for Abaqus (.inp)")),
+        (".med", _("Tetrahedra for Code_Aster, Salome (.med)")),
+        (".bdf", _("Tetrahedra for Nastran (.bdf)")),
+    )
+
+
+class ExportSection:
+    """Writes the surfaces of the selected organ or of all organs.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    """
+
+    def __init__(self, ui):
+        self._ui, self._organs, self._current = ui, [], None
+        self._command = self._work = self._path = None
+        self._lines = []
+        for suffix, text in _formats():
+            ui.exportFormatCombo.addItem(text, suffix)
+        ui.exportOrgansCombo.addItem(_("Selected organ"))
+        ui.exportOrgansCombo.addItem(_("All fitted organs together"))
+        ui.exportFolderEdit.filters = ctk.ctkPathLineEdit.Dirs | ctk.ctkPathLineEdit.Writable
+        ui.exportFolderEdit.settingKey = "VICRegistration/ExportFolder"
+        ui.meshOrderCombo.addItem(_("Linear"), 1)
+        ui.meshOrderCombo.addItem(_("Second order"), 2)
+        ui.exportFormatCombo.connect("currentIndexChanged(int)", self._formatChosen)
+        ui.exportOrgansCombo.connect("currentIndexChanged(int)", self._formatChosen)
+        ui.exportButton.connect("clicked()", self._export)
+        ui.cancelExportButton.connect("clicked()", self.stop)
+        self.show([], None)
+
+    @property
+    def running(self):
+        """Whether a mesh is being made."""
+        return self._command is not None
+
+    def show(self, organs, current):
+        """Offer what can be written.
+
+        Parameters
+        ----------
+        organs : list of OrganParameters
+        current : OrganParameters or None
+        """
+        self._organs, self._current = organs, current
+        self._formatChosen()
+
+    def stop(self):
+        """End the mesher, if it runs; no file is left of it."""
+        if self._command is not None:
+            self._command.cancel()
+
+    def _chosen(self):
+        if self._ui.exportOrgansCombo.currentIndex == _ALL:
+            return [organ for organ in self._organs if organ.surface is not None]
+        return [self._current] if self._current is not None and self._current.surface is not None else []
+
+    def _suffix(self):
+        return self._ui.exportFormatCombo.itemData(self._ui.exportFormatCombo.currentIndex)
+
+    def _formatChosen(self, _index=None):
+        ui, meshing = self._ui, self._suffix() in MESHES
+        ui.exportFacesSpin.enabled = self._suffix() == ".step"
+        for widget in (ui.meshSizeSlider, ui.meshOrderCombo, ui.meshWallSlider):
+            widget.enabled = meshing
+        ui.exportButton.enabled = bool(self._chosen()) and not self.running
+        ui.cancelExportButton.enabled = self.running
+
+    def _export(self):
+        folder, suffix = self._ui.exportFolderEdit.currentPath, self._suffix()
+        if not folder:
+            self._tell(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            return
+        self._ui.exportFolderEdit.addCurrentPathToHistory()
+        try:
+            if suffix in MESHES:
+                self._mesh(folder, suffix)
+            else:
+                paths = exportSurfaces(self._chosen(), folder, suffix, faces=self._ui.exportFacesSpin.value)
+                self._tell(_("Written: {files}").format(files=", ".join(map(str, paths))))
+        except (ValueError, OSError) as error:
+            self._tell(str(error))
+
+    def _mesh(self, folder, suffix):
+        ui = self._ui
+        if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
+            self._tell(
+                _(
+                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to install it."
+                )
+            )
+            return
+        self._work, self._lines = tempfile.mkdtemp(prefix="vic-export-"), []
+        try:
+            arguments, self._path = meshArguments(
+                self._chosen(),
+                self._work,
+                folder,
+                suffix,
+                sizeMm=ui.meshSizeSlider.value,
+                order=ui.meshOrderCombo.itemData(ui.meshOrderCombo.currentIndex),
+                wallMm=ui.meshWallSlider.value,
+            )
+        except (ValueError, OSError):
+            self._tidyUp()
+            raise
+        self._tell(_("Meshing ..."))
+        self._command = Command(arguments, self._heard, self._meshed)
+        self._formatChosen()
+
+    def _heard(self, line):
+        self._lines.append(line)
+        self._tell(line)
+
+    def _meshed(self, code):
+        self._command = None
+        self._tidyUp()
+        if code != 0:
+            said = self._lines[-1].partition("error: ")[2] or self._lines[-1] if self._lines else ""
+            self._tell(said or _("The mesher ended without a mesh; nothing was written. Try another size."))
+        else:
+            # The command prints its quality report after the line that names the file.
+            self._tell("\n".join([_("Written: {files}").format(files=self._path), *self._lines]))
+            if self._path.suffix == _VTU:
+                self._load()
+        self._formatChosen()
+
+    def _load(self):
+        try:
+            loadMesh(self._path)
+        except ValueError as error:
+            self._tell(str(error))
+
+    def _tidyUp(self):
+        shutil.rmtree(self._work, ignore_errors=True)
+
+    def _tell(self, text):
+        self._ui.exportStatusLabel.text = text

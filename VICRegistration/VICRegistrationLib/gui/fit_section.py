@@ -1,0 +1,194 @@
+"""The section in which organs are fitted: start, progress, cancel, and the course of the cost."""
+
+from __future__ import annotations
+
+import slicer
+from slicer.i18n import tr as _
+
+from ..mrml.fitting import fitSteps, refitSteps
+from ..mrml.surfaces import moveSurface
+from .runner import End, StepRunner
+
+_PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
+_STAGES = 4
+
+
+class FitSection:
+    """Fits one organ after the other while the panel stays alive.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    onFit : callable
+        Called without arguments when "Fit organ" is pressed.
+    onFitAll : callable
+        Called without arguments when "Fit all" is pressed.
+    onChanged : callable
+        Called without arguments when a fit has begun or ended.
+    """
+
+    def __init__(self, ui, onFit, onFitAll, onChanged):
+        self._ui, self._onChanged = ui, onChanged
+        self._queue, self._runner, self._organ = [], None, None
+        self._progress = self._plotView = self._shown = None
+        ui.fitButton.connect("clicked()", onFit)
+        ui.fitAllButton.connect("clicked()", onFitAll)
+        ui.cancelButton.connect("clicked()", self.cancel)
+        ui.convergenceCheck.connect("toggled(bool)", self._showPlot)
+        ui.plotFrame.visible = False
+        self._showProgress(0)
+
+    @property
+    def running(self):
+        """Whether a fit is under way."""
+        return self._runner is not None
+
+    def setOrgan(self, organ):
+        """Show what came of an organ's last fit.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+        """
+        if not self.running:
+            self._ui.fitStatusLabel.text = organ.message if organ is not None else ""
+        self._plot(organ)
+
+    def refresh(self, *, ready):
+        """Enable what can be pressed.
+
+        Parameters
+        ----------
+        ready : bool
+            Whether there is a volume and an organ.
+        """
+        ui = self._ui
+        ui.fitButton.enabled = ui.fitAllButton.enabled = ready and not self.running
+        ui.cancelButton.enabled = self.running
+        ui.convergenceCheck.enabled = ready
+
+    def fit(self, organs, volumeNode):
+        """Fit organs from their regions, one after the other.
+
+        Parameters
+        ----------
+        organs : list of OrganParameters
+        volumeNode : vtkMRMLScalarVolumeNode
+        """
+        self._start([(organ, fitSteps(organ, volumeNode)) for organ in organs])
+
+    def refit(self, organ, volumeNode):
+        """Fit an organ again from its surface, through its boundary points.
+
+        Parameters
+        ----------
+        organ : OrganParameters
+        volumeNode : vtkMRMLScalarVolumeNode
+        """
+        self._start([(organ, refitSteps(organ, volumeNode))])
+
+    def cancel(self):
+        """End before the next step; the surface becomes what it was, and organs in the queue are not fitted."""
+        self._queue = []
+        if self._runner is not None:
+            self._runner.cancel()
+
+    def stop(self):
+        """End now, because the scene or the panel goes."""
+        self._queue = []
+        if self._runner is not None:
+            self._runner.stop()
+        self._plot(None)
+
+    def _start(self, queue):
+        if self.running:
+            return
+        self._queue = queue
+        self._next()
+
+    def _next(self):
+        self._organ, steps = self._queue.pop(0)
+        self._progress = _Progress()
+        self._showProgress(0)
+        self._ui.fitStatusLabel.text = _("{organ}: separating").format(organ=self._organ.label)
+        self._runner = StepRunner(steps, self._stepped, self._ended)
+        self._onChanged()
+
+    def _stepped(self, step):
+        organ = self._organ
+        if organ.surface is None:
+            # Its deletion is told by the generator, before its next step.
+            return
+        moveSurface(organ.surface, step.surface)
+        self._showProgress(self._progress.after(step))
+        self._ui.fitStatusLabel.text = _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
+            organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
+        )
+
+    def _ended(self, end, value):
+        organ, self._organ, self._runner = self._organ, None, None
+        self._showProgress(100 if end is End.DONE else 0)
+        there = organ.parameterNode.GetScene() is not None
+        self._ui.fitStatusLabel.text = {
+            End.DONE: lambda: f"{organ.label}: {organ.message}",
+            End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
+            End.FAILED: lambda: f"{organ.label}: {value}" if there else str(value),
+        }[end]()
+        self._plot(organ if there else None)
+        if self._queue:
+            self._next()
+        else:
+            self._onChanged()
+
+    def _showProgress(self, percent):
+        self._ui.progressBar.value = percent
+
+    def _showPlot(self, visible):
+        self._ui.plotFrame.visible = visible
+        if visible and self._plotView is None:
+            self._plotView = _plotViewIn(self._ui.plotFrame)
+        if visible:
+            self._plot(self._shown)
+
+    def _plot(self, organ):
+        """Remember whose course is to be seen, and show it where the plot is shown."""
+        self._shown = organ
+        if self._plotView is not None:
+            chart = organ.plot if organ is not None else None
+            _plotViewNode().SetPlotChartNodeID(chart.GetID() if chart is not None else None)
+
+
+class _Progress:
+    """Guesses how far a fit has come: stages are known, the number of iterations is not."""
+
+    def __init__(self):
+        self._stages = []
+
+    def after(self, step):
+        """Per cent after a step."""
+        if step.stage not in self._stages:
+            self._stages.append(step.stage)
+        within = step.iteration / (step.iteration + 5.0)
+        return int(100 * min(len(self._stages) - 1 + within, _STAGES) / _STAGES)
+
+
+def _plotViewNode():
+    """Node of the module's own plot view, which leaves the layout alone."""
+    node = slicer.mrmlScene.GetSingletonNode(_PLOT_NAME, "vtkMRMLPlotViewNode")
+    if node is None:
+        node = slicer.mrmlScene.CreateNodeByClass("vtkMRMLPlotViewNode")
+        node.UnRegister(None)
+        node.SetSingletonTag(_PLOT_NAME)
+        node.SetLayoutName(_PLOT_NAME)
+        node = slicer.mrmlScene.AddNode(node)
+    return node
+
+
+def _plotViewIn(frame):
+    """Put a plot view into a frame."""
+    view = slicer.qMRMLPlotView()
+    view.setMRMLScene(slicer.mrmlScene)
+    view.setMinimumHeight(_PLOT_HEIGHT)
+    view.setMRMLPlotViewNode(_plotViewNode())
+    frame.layout().addWidget(view)
+    return view

@@ -1,0 +1,186 @@
+"""The panel: brings its sections, the scene and the logic together."""
+
+from __future__ import annotations
+
+import slicer
+import vtk
+from slicer.util import VTKObservationMixin
+
+from ..mrml.fitting import canBeSeparated, updateVolume
+from ..mrml.organ_nodes import followVolume, volumeOf
+from ..mrml.organs import Organs
+from .advanced_section import AdvancedSection
+from .binding import Binding
+from .correct_section import CorrectSection
+from .export_section import ExportSection
+from .fit_section import FitSection
+from .organs_table import OrgansTable
+from .separate_section import SeparateSection
+
+
+class Panel(VTKObservationMixin):
+    """Shows the organs of the scene while it is open, and does what is clicked.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+        Of VICRegistration.ui.
+    logic : VICRegistrationLogic
+    """
+
+    def __init__(self, ui, logic):
+        VTKObservationMixin.__init__(self)
+        self.ui, self.logic = ui, logic
+        self.parameters = self.organs = None
+        self._volumeBinding = self._volume = self._organ = None
+        self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
+        self.separateSection = SeparateSection(ui, self.refresh)
+        self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
+        self.correctSection = CorrectSection(ui, self.refit, self.refresh)
+        self.exportSection = ExportSection(ui)
+        self.advancedSection = AdvancedSection(ui)
+
+    @property
+    def isOpen(self):
+        """Whether the panel follows the scene."""
+        return self._volumeBinding is not None
+
+    def open(self):
+        """Show what the scene holds, and follow it."""
+        self.close()
+        self.parameters = self.logic.getParameterNode()
+        self.organs = Organs(self.parameters)
+        self.organs.adopt()
+        if self.parameters.volume is None:
+            self.parameters.volume = _firstVolume()
+        self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
+        self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
+        self._showOrgan()
+
+    def close(self):
+        """Follow nothing any more; a fit under way goes on."""
+        if not self.isOpen:
+            return
+        self.separateSection.stopPlacing()
+        self.correctSection.stopPlacing()
+        self._volumeBinding.release()
+        self.removeObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
+        self._followOrgan(None, None)
+        for section in (self.separateSection, self.correctSection):
+            section.setOrgan(None, None)
+        self.advancedSection.setOrgan(None)
+        self.table.show(None)
+        self.parameters = self.organs = self._volumeBinding = None
+        self.fitSection.refresh(ready=False)
+        self.exportSection.show([], None)
+        self.ui.addOrganButton.enabled = False
+
+    def stop(self):
+        """End what is under way, and follow nothing any more."""
+        self.fitSection.stop()
+        self.exportSection.stop()
+        self.close()
+
+    def addOrgan(self, name):
+        """Add an organ; the next click into a slice is its seed."""
+        if self.organs is None:
+            return
+        self.organs.add(name)
+        if self._volume is not None:
+            self.separateSection.placeSeed()
+
+    def removeOrgan(self):
+        """Remove the current organ and what belongs to it."""
+        if self._organ is not None:
+            self.organs.remove(self._organ)
+
+    def chooseOrgan(self, node):
+        """Make an organ the current one."""
+        if self.parameters is not None:
+            self.parameters.current = node
+
+    def fitOrgan(self):
+        """Fit the current organ."""
+        self._fit([self._organ])
+
+    def fitAll(self):
+        """Fit all organs that can be separated."""
+        self._fit([organ for organ in self.organs if canBeSeparated(organ)] or [self._organ])
+
+    def refit(self):
+        """Fit the current organ again, through its boundary points."""
+        self.correctSection.stopPlacing()
+        self.separateSection.showRegion(False)
+        # The surface lies in the volume that it was fitted in, whatever is chosen now.
+        self.fitSection.refit(self._organ, volumeOf(self._organ) or self._volume)
+
+    def refresh(self):
+        """Show the current state of everything."""
+        if self.organs is None:
+            return
+        self.table.show(self.organs)
+        ready = self._organ is not None and self._volume is not None
+        self.separateSection.refresh()
+        self.fitSection.refresh(ready=ready)
+        self.correctSection.refresh(busy=self.fitSection.running)
+        self.exportSection.show(list(self.organs), self._organ)
+        self.advancedSection.refresh()
+        self.ui.addOrganButton.enabled = self._volume is not None
+
+    def _fit(self, organs):
+        self.separateSection.stopPlacing()
+        self.separateSection.showRegion(False)
+        self.fitSection.fit(organs, self._volume)
+
+    def _showOrgan(self):
+        """Let every section follow the current organ."""
+        organ, volume = self.organs.current(), self.parameters.volume
+        # Nodes that the organ lacks are made before its changes are followed.
+        self._followOrgan(None, None)
+        self.separateSection.setOrgan(organ, volume)
+        self.correctSection.setOrgan(organ, volume)
+        self.advancedSection.setOrgan(organ)
+        self.fitSection.setOrgan(organ)
+        self._followOrgan(organ, volume)
+        self.refresh()
+
+    def _followOrgan(self, organ, volume):
+        if self._organ is not None:
+            self.removeObserver(self._organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
+        if self._volume is not None:
+            self.removeObserver(self._volume, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._volumeMoved)
+        self._organ, self._volume = organ, volume
+        if organ is not None:
+            self.addObserver(organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
+        if volume is not None:
+            self.addObserver(volume, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._volumeMoved)
+
+    def _parametersChanged(self, caller=None, event=None):
+        if not self.isOpen or slicer.mrmlScene.IsClosing():
+            return
+        if self.organs.current() is not self._organ or self.parameters.volume is not self._volume:
+            self._showOrgan()
+        else:
+            self.refresh()
+
+    def _organChanged(self, caller=None, event=None):
+        if not self.isOpen or slicer.mrmlScene.IsClosing():
+            return
+        organ = self._organ
+        if self._volume is not None and (organ.seeds is None or organ.boundaryPoints is None):
+            # Somebody has deleted them.
+            self._showOrgan()
+        else:
+            self.refresh()
+
+    def _volumeMoved(self, caller=None, event=None):
+        for organ in self.organs:
+            if (volumeOf(organ) or self._volume) is self._volume:
+                followVolume(organ, self._volume)
+                updateVolume(organ)
+
+
+def _firstVolume():
+    """First volume of the scene that is no label map, or None."""
+    nodes = slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode")
+    return next((node for node in nodes if node.GetClassName() == "vtkMRMLScalarVolumeNode"), None)

@@ -1,0 +1,75 @@
+"""Runs a generator from Qt's event loop, a slice of time after the other, so that the panel stays alive."""
+
+from __future__ import annotations
+
+import enum
+import logging
+import time
+
+import qt
+
+
+class End(enum.Enum):
+    """How a run ended."""
+
+    DONE = "done"
+    CANCELLED = "cancelled"
+    FAILED = "failed"
+
+
+class StepRunner:
+    """Takes steps of a generator whenever Qt has time, until it ends or is cancelled.
+
+    Parameters
+    ----------
+    steps : generator
+    onStep : callable
+        Called with the newest step after every slice of time: screens cannot show more.
+    onEnd : callable
+        Called once with an :class:`End` and the generator's result, the exception, or None.
+    budget : float
+        Length of a slice in seconds; a step that takes longer is not interrupted.
+    """
+
+    def __init__(self, steps, onStep, onEnd, *, budget=0.05):
+        self._steps, self._onStep, self._onEnd, self._budget = steps, onStep, onEnd, budget
+        self._cancelled = False
+        self.running = True
+        qt.QTimer.singleShot(0, self._slice)
+
+    def cancel(self):
+        """End before the next step."""
+        self._cancelled = True
+
+    def stop(self):
+        """End now: for when the scene goes."""
+        if self.running:
+            self._end(End.CANCELLED, None)
+
+    def _slice(self):
+        # An exception in a timer's slot would be printed and forgotten, and the run would hang.
+        if not self.running:
+            return
+        if self._cancelled:
+            self._end(End.CANCELLED, None)
+            return
+        end = time.perf_counter() + self._budget
+        try:
+            step = next(self._steps)
+            while time.perf_counter() < end:
+                step = next(self._steps)
+            self._onStep(step)
+        except StopIteration as finished:
+            self._end(End.DONE, finished.value)
+        except ValueError as error:
+            self._end(End.FAILED, error)
+        except Exception as error:
+            logging.exception("The fit failed")
+            self._end(End.FAILED, error)
+        else:
+            qt.QTimer.singleShot(0, self._slice)
+
+    def _end(self, end, value):
+        self.running = False
+        self._steps.close()
+        self._onEnd(end, value)

@@ -1,0 +1,244 @@
+"""The section in which an organ is separated: seeds, grey levels, erosion, and the region as it changes."""
+
+from __future__ import annotations
+
+import qt
+import slicer
+import vtk
+from slicer.i18n import tr as _
+from slicer.parameterNodeWrapper import FloatRange
+from slicer.util import VTKObservationMixin
+
+from ..mrml.fitting import canBeSeparated, separateOrgan
+from ..mrml.organ_nodes import seedsOf
+from ..mrml.parameters import RegionSource
+from ..mrml.points import placingEvents
+from .binding import Binding
+
+# Long enough for the changes of one drag of a slider to become one, too short to be noticed.
+_DELAY_MS = 30
+
+
+class SeparateSection(VTKObservationMixin):
+    """Keeps the region up to date with everything it depends on.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    onSeparated : callable
+        Called without arguments after every attempt to separate.
+    """
+
+    def __init__(self, ui, onSeparated):
+        VTKObservationMixin.__init__(self)
+        self._ui, self._onSeparated = ui, onSeparated
+        self._organ = self._volume = self._binding = self._settings = None
+        self._timer = qt.QTimer()
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(_DELAY_MS)
+        self._timer.connect("timeout()", self.separate)
+        ui.seedPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceSingleMarkup
+        ui.thresholdRange.connect("valuesChanged(double,double)", self._thresholdMoved)
+        ui.suggestButton.connect("clicked()", self._suggest)
+        ui.previewCheck.connect("toggled(bool)", self._showRegion)
+        ui.segmentSelector.connect("currentNodeChanged(vtkMRMLNode*)", self._segmentChosen)
+        ui.segmentSelector.connect("currentSegmentChanged(QString)", self._segmentChosen)
+
+    @property
+    def isWaiting(self):
+        """Whether the region is about to be separated again."""
+        return bool(self._timer.isActive())
+
+    def setOrgan(self, organ, volumeNode):
+        """Show and follow an organ.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+        volumeNode : vtkMRMLScalarVolumeNode or None
+        """
+        self.release()
+        if organ is None or volumeNode is None:
+            self._ui.seedPlaceWidget.setCurrentNode(None)
+            self._ui.regionStatusLabel.text = ""
+            self.refresh()
+            return
+        self._organ, self._volume = organ, volumeNode
+        self._settings = self._currentSettings()
+        self._binding = Binding(organ, self._mapping())
+        seeds = seedsOf(organ, volumeNode)
+        for event in placingEvents():
+            self.addObserver(seeds, event, self._seedsChanged)
+        self.addObserver(volumeNode, slicer.vtkMRMLVolumeNode.ImageDataModifiedEvent, self._seedsChanged)
+        self._ui.seedPlaceWidget.setCurrentNode(seeds)
+        self._ui.regionStatusLabel.text = "" if canBeSeparated(organ) else _("Click inside the organ to place a seed.")
+        self.refresh()
+
+    def release(self):
+        """Let go of the organ and its nodes."""
+        self._timer.stop()
+        self.removeObservers()
+        if self._binding is not None:
+            self._binding.release()
+        self._organ = self._volume = self._binding = self._settings = None
+
+    def placeSeed(self):
+        """Let the next click into a slice place a seed."""
+        self._ui.seedPlaceWidget.setPlaceModeEnabled(True)
+
+    def stopPlacing(self):
+        """Leave the mode in which clicks place seeds."""
+        self._ui.seedPlaceWidget.setPlaceModeEnabled(False)
+
+    def refresh(self):
+        """Show the organ's settings, and separate again if they have changed."""
+        ui, organ = self._ui, self._organ
+        ui.separateSection.enabled = organ is not None
+        if organ is None:
+            return
+        fromSeeds = organ.source is RegionSource.THRESHOLDS
+        ui.seedPlaceWidget.enabled = fromSeeds
+        for widget in (ui.thresholdRange, ui.suggestButton):
+            widget.enabled = fromSeeds and canBeSeparated(organ)
+        for check in (ui.erosionAutomaticCheck, ui.dilationAutomaticCheck):
+            check.enabled = fromSeeds
+        ui.erosionSlider.enabled = fromSeeds and not organ.erosionAutomatic
+        ui.dilationSlider.enabled = fromSeeds and not organ.dilationAutomatic
+        ui.segmentSelector.enabled = not fromSeeds
+        self._showThreshold()
+        self._showSegment()
+        self._showVisibility()
+        settings = self._currentSettings()
+        if settings != self._settings:
+            self._settings = settings
+            self.schedule()
+
+    def schedule(self):
+        """Separate soon, once for all changes that come together, and show the region."""
+        if self._organ is not None:
+            self.showRegion(True)
+            if not self._timer.isActive():
+                self._timer.start()
+
+    def separate(self):
+        """Separate the organ now, show its region, and tell its volume or what is wrong."""
+        organ, volumeNode = self._organ, self._volume
+        if organ is None or organ.parameterNode.GetScene() is None or volumeNode.GetScene() is None:
+            return
+        label = self._ui.regionStatusLabel
+        try:
+            region, warnings = separateOrgan(organ, volumeNode)
+        except ValueError as error:
+            label.text = str(error)
+        else:
+            label.text = "\n".join([_("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}"), *warnings])
+        self._onSeparated()
+
+    def showRegion(self, visible):
+        """Show the region, or hide it for a look at the surface.
+
+        Parameters
+        ----------
+        visible : bool
+        """
+        self._ui.previewCheck.checked = visible
+
+    def _mapping(self):
+        ui = self._ui
+        return {
+            "source": ui.sourceCombo,
+            "erosionMm": ui.erosionSlider,
+            "erosionAutomatic": ui.erosionAutomaticCheck,
+            "dilationMm": ui.dilationSlider,
+            "dilationAutomatic": ui.dilationAutomaticCheck,
+        }
+
+    def _currentSettings(self):
+        """Return what the region depends on; what separating sets by itself counts only where it is given."""
+        organ = self._organ
+        threshold = (organ.threshold.minimum, organ.threshold.maximum)
+        return (
+            organ.source,
+            None if organ.thresholdAutomatic else threshold,
+            None if organ.erosionAutomatic else organ.erosionMm,
+            None if organ.dilationAutomatic else organ.dilationMm,
+            organ.inputSegmentation.GetID() if organ.inputSegmentation is not None else "",
+            organ.inputSegmentId,
+        )
+
+    def _seedsChanged(self, caller=None, event=None):
+        self.schedule()
+
+    def _thresholdMoved(self, low, high):
+        organ = self._organ
+        if organ is None or (organ.threshold.minimum, organ.threshold.maximum) == (low, high):
+            return
+        with slicer.util.NodeModify(organ.parameterNode):
+            organ.thresholdAutomatic = False
+            organ.threshold = FloatRange(low, high)
+
+    def _suggest(self):
+        if self._organ is not None:
+            self._organ.thresholdAutomatic = True
+
+    def _showThreshold(self):
+        """Let the slider cover the volume's grey levels and the threshold, and show it, without writing it back."""
+        widget, threshold = self._ui.thresholdRange, self._organ.threshold
+        low, high = _levels(self._volume)
+        low, high = min(low, threshold.minimum), max(high, threshold.maximum)
+        blocked = widget.blockSignals(True)
+        try:
+            if (widget.minimum, widget.maximum) != (low, high):
+                whole = _holdsWholeNumbers(self._volume)
+                widget.decimals = 0 if whole else 3
+                widget.singleStep = 1.0 if whole else max((high - low) / 500.0, 1e-3)
+                widget.setRange(low, high)
+            widget.setValues(threshold.minimum, threshold.maximum)
+        finally:
+            widget.blockSignals(blocked)
+
+    def _showSegment(self):
+        selector, organ = self._ui.segmentSelector, self._organ
+        blocked = selector.blockSignals(True)
+        try:
+            if selector.currentNode() is not organ.inputSegmentation:
+                selector.setCurrentNode(organ.inputSegmentation)
+            if organ.inputSegmentation is not None and selector.currentSegmentID() != organ.inputSegmentId:
+                selector.setCurrentSegmentID(organ.inputSegmentId)
+        finally:
+            selector.blockSignals(blocked)
+
+    def _segmentChosen(self, _chosen=None):
+        organ, selector = self._organ, self._ui.segmentSelector
+        if organ is None:
+            return
+        with slicer.util.NodeModify(organ.parameterNode):
+            organ.inputSegmentation = selector.currentNode()
+            organ.inputSegmentId = selector.currentSegmentID() or ""
+
+    def _showVisibility(self):
+        check = self._ui.previewCheck
+        display = self._organ.regions.GetDisplayNode() if self._organ.regions is not None else None
+        if display is None or not self._organ.regionSegmentId:
+            return
+        blocked = check.blockSignals(True)
+        check.checked = bool(display.GetSegmentVisibility(self._organ.regionSegmentId))
+        check.blockSignals(blocked)
+
+    def _showRegion(self, visible):
+        organ = self._organ
+        if organ is None or organ.regions is None or organ.regions.GetDisplayNode() is None:
+            return
+        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, visible)
+
+
+def _levels(volumeNode):
+    """Lowest and highest grey level of a volume; VTK remembers them until the voxels change."""
+    data = volumeNode.GetImageData()
+    low, high = data.GetScalarRange() if data is not None else (0.0, 1.0)
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def _holdsWholeNumbers(volumeNode):
+    data = volumeNode.GetImageData()
+    return data is not None and data.GetScalarType() not in (vtk.VTK_FLOAT, vtk.VTK_DOUBLE)

@@ -1,0 +1,181 @@
+"""Organs of the scene as files for CAD and simulation, and meshes back into the scene."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import slicer
+import vtk
+from slicer.i18n import tr as _
+
+from .surfaces import surfaceFromModel
+
+STEP, TRIANGLES = (".step",), (".stl", ".ply", ".vtp")
+MESHES = (".vtu", ".msh", ".inp", ".med", ".bdf")
+_ASSEMBLY = "organs"
+
+
+def worldSurface(organ):
+    """B-spline surface of an organ where it lies in the world.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    VICRegistrationLib.geometry.surface.BSplineSurface
+        World RAS mm; exact.
+
+    Raises
+    ------
+    ValueError
+        If the organ has no surface, or lies under a transform that bends it.
+    """
+    if organ.surface is None:
+        raise ValueError(
+            _("The organ {name} has no surface yet; one is needed to export. Fit it first.").format(name=organ.label)
+        )
+    surface, parent = surfaceFromModel(organ.surface), organ.surface.GetParentTransformNode()
+    if parent is None:
+        return surface
+    if not parent.IsTransformToWorldLinear():
+        raise ValueError(
+            _(
+                "The organ {name} is under a transform that bends it; a B-spline surface cannot follow that exactly. "
+                "Take the volume out of the transform, or harden it on the volume and fit again."
+            ).format(name=organ.label)
+        )
+    matrix = vtk.vtkMatrix4x4()
+    parent.GetMatrixTransformToWorld(matrix)
+    return surface.transformed(slicer.util.arrayFromVTKMatrix(matrix))
+
+
+def exportSurfaces(organs, folder, suffix, *, faces=1):
+    """Write organs as exact solids or as triangles; all files are written, or none.
+
+    Parameters
+    ----------
+    organs : sequence of OrganParameters
+    folder : path
+        Is made if it does not exist.
+    suffix : str
+        ".step": one file, with several organs an assembly; ".stl", ".ply" or ".vtp": a file for each organ.
+    faces : int
+        Faces of each solid in the STEP file.
+
+    Returns
+    -------
+    list of Path
+        The files, in LPS mm as all files of Slicer.
+
+    Raises
+    ------
+    ValueError
+        If an organ has no surface or no valid one, or a name that no file can have.
+    OSError
+        If a file cannot be written.
+    """
+    from ..export.mesh_files import write_mesh
+    from ..export.step import write_step
+    from ..files import replacing_folder
+
+    solids = _solids(organs)
+    with replacing_folder(folder) as drafts:
+        if suffix in STEP:
+            name = solids[0].name if len(solids) == 1 else _ASSEMBLY
+            write_step(solids, drafts / f"{name}{suffix}", faces=faces)
+            return [Path(folder) / f"{name}{suffix}"]
+        for solid in solids:
+            write_mesh(solid.surface, drafts / f"{solid.name}{suffix}", name=solid.name)
+    return [Path(folder) / f"{solid.name}{suffix}" for solid in solids]
+
+
+def meshArguments(organs, workFolder, folder, suffix, *, sizeMm, order=1, wallMm=0.0):
+    """Words of the command ``vic-registration mesh`` that meshes organs in a process of its own.
+
+    Parameters
+    ----------
+    organs : sequence of OrganParameters
+        In the order of their priority where they overlap.
+    workFolder : path
+        Gets the surfaces; has to be there until the process has ended.
+    folder : path
+        Gets the mesh.
+    suffix : str
+        One of `MESHES`.
+    sizeMm : float
+        Edge of an element.
+    order : {1, 2}
+    wallMm : float
+        Thickness of the wall of hollow organs; 0 for solid ones.
+
+    Returns
+    -------
+    arguments : list of str
+    path : Path
+        Of the mesh.
+
+    Raises
+    ------
+    ValueError
+        As :func:`exportSurfaces`.
+    OSError
+        If a surface cannot be written.
+    """
+    from ..geometry.surface_file import write_surface
+
+    solids, surfaces = _solids(organs), []
+    for solid in solids:
+        path = Path(workFolder) / f"{solid.name}.json"
+        write_surface(solid.surface, path, name=solid.name)
+        surfaces.append(str(path))
+    name = solids[0].name if len(solids) == 1 else _ASSEMBLY
+    path = Path(folder) / f"{name}{suffix}"
+    wall = ["--wall", f"{wallMm:g}"] if wallMm > 0.0 else []
+    arguments = ["mesh", *surfaces, "--size", f"{sizeMm:g}", "--order", str(order), *wall, "--output", str(path)]
+    return arguments, path
+
+
+def loadMesh(path):
+    """Load a mesh as a model of the scene.
+
+    Parameters
+    ----------
+    path : path
+        A .vtu file in LPS mm.
+
+    Returns
+    -------
+    vtkMRMLModelNode
+        Drawn with its edges.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read.
+    """
+    path = Path(path)
+    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelNode", _("{name} mesh").format(name=path.stem))
+    storage = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelStorageNode")
+    storage.SetFileName(os.fspath(path))
+    node.SetAndObserveStorageNodeID(storage.GetID())
+    if not storage.ReadData(node):
+        slicer.mrmlScene.RemoveNode(storage)
+        slicer.mrmlScene.RemoveNode(node)
+        raise ValueError(_("The mesh {path} cannot be loaded; look whether it is there.").format(path=path))
+    node.CreateDefaultDisplayNodes()
+    node.GetDisplayNode().SetEdgeVisibility(True)
+    return node
+
+
+def _solids(organs):
+    from ..cli.values import organ_name
+    from ..export.step import Solid, validate_solids
+
+    solids = [Solid(organ_name(organ.label), worldSurface(organ), tuple(organ.color)) for organ in organs]
+    if not solids:
+        raise ValueError(_("No organ has a surface yet; one is needed to export. Fit an organ first."))
+    validate_solids(solids)
+    return solids

@@ -1,0 +1,335 @@
+"""Separating, fitting and correcting an organ of the scene, step by step."""
+
+from __future__ import annotations
+
+import slicer
+from slicer.i18n import tr as _
+
+from .convergence import showConvergence
+from .organ_nodes import convergenceOf, hasSegment, modelOf, removeNodes, segmentOf
+from .parameters import OrganState, RegionSource
+from .points import labelPoints, markedPoints
+from .regions import regionFromSegment, regionVolumeMl, showRegion
+from .surfaces import showSurface, surfaceFromModel, worldVolumeMl
+from .volumes import imageFromVolume
+
+
+def separateOrgan(organ, volumeNode):
+    """Separate an organ and show its region.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+        A threshold that is automatic is set to the suggestion.
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    region : VICRegistrationLib.imaging.separation.Region
+    warnings : list of str
+        What looks wrong with it.
+
+    Raises
+    ------
+    ValueError
+        If the organ cannot be separated; its segment is then empty.
+    """
+    from ..registration.doubts import warnings_about_region
+
+    try:
+        image = imageFromVolume(volumeNode)
+        region = _regionOf(organ, volumeNode, image)
+    except ValueError:
+        if hasSegment(organ):
+            showRegion(organ.regions, organ.regionSegmentId, None)
+        raise
+    segmentationNode, segmentId = segmentOf(organ, volumeNode)
+    showRegion(segmentationNode, segmentId, region)
+    if region.threshold is not None and organ.thresholdAutomatic:
+        _setThreshold(organ, region.threshold)
+    if region.erosion is not None and organ.erosionAutomatic:
+        organ.erosionMm = float(region.erosion)
+    if organ.state in (OrganState.NEW, OrganState.FAILED):
+        organ.state = OrganState.SEPARATED
+    if organ.surface is None:
+        organ.volumeMl = regionVolumeMl(region, volumeNode)
+    return region, warnings_about_region(image, region) + _seedWarnings(organ, volumeNode, image, region)
+
+
+def fitSteps(organ, volumeNode):
+    """Fit an organ from its region, step by step.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Yields
+    ------
+    VICRegistrationLib.registration.stages.Step
+        In the volume's local RAS mm. Closing the generator leaves the surface as it was before.
+
+    Returns
+    -------
+    VICRegistrationLib.registration.organ.OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the organ cannot be separated or fitted, or something that is needed was deleted meanwhile.
+    """
+    from ..registration.organ import fit_region
+
+    with _Bookkeeping(organ, volumeNode) as book:
+        region, _warnings = separateOrgan(organ, volumeNode)
+        image = imageFromVolume(volumeNode)
+        steps = fit_region(image, region, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
+        return (yield from book.followed(image, steps))
+
+
+def refitSteps(organ, volumeNode):
+    """Fit an organ again from the surface it has, through its boundary points, step by step.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Yields
+    ------
+    VICRegistrationLib.registration.stages.Step
+
+    Returns
+    -------
+    VICRegistrationLib.registration.organ.OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the organ has no surface yet, or as :func:`fitSteps`.
+    """
+    from ..registration.organ import refit
+
+    with _Bookkeeping(organ, volumeNode) as book:
+        if organ.surface is None:
+            raise ValueError(
+                _("The organ {name} has no surface yet; one is needed to correct. Fit it first.").format(
+                    name=organ.label
+                )
+            )
+        image, surface = imageFromVolume(volumeNode), surfaceFromModel(organ.surface, corrected=False)
+        # From where earlier points have not pulled it: a point that is taken back leaves nothing behind.
+        steps = refit(image, surface, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
+        return (yield from book.followed(image, steps))
+
+
+def boundaryDeviations(organ, volumeNode):
+    """How far the boundary points are from the surface; also written beside them in the views.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    (n,) ndarray
+        Signed, mm of the volume's local frame; positive where the point lies outside. Empty without a surface or a
+        volume.
+
+    Raises
+    ------
+    ValueError
+        If the model of the organ does not carry a surface.
+    """
+    import numpy as np
+
+    from ..registration.boundary import boundary_deviations
+
+    if organ.surface is None or volumeNode is None:
+        return np.empty(0)
+    points = markedPoints(organ.boundaryPoints, volumeNode)
+    if not len(points):
+        return np.empty(0)
+    deviations = boundary_deviations(surfaceFromModel(organ.surface), points)
+    labelPoints(organ.boundaryPoints, [f"{deviation:+.2f} mm" for deviation in deviations])
+    return deviations
+
+
+def updateVolume(organ):
+    """Tell the volume of an organ's surface again, after the transform that it is under has changed.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+        Without a surface nothing is done.
+    """
+    if organ.surface is not None and organ.state in (OrganState.FITTED, OrganState.UNSETTLED):
+        organ.volumeMl = float(worldVolumeMl(organ.surface, surfaceFromModel(organ.surface)))
+
+
+def canBeSeparated(organ):
+    """Whether an organ has what its separation starts from.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    bool
+    """
+    if organ.source is RegionSource.SEGMENT:
+        return organ.inputSegmentation is not None and bool(organ.inputSegmentId)
+    return organ.seeds is not None and organ.seeds.GetNumberOfDefinedControlPoints() > 0
+
+
+def setThresholds(organ, thresholds):
+    """Give an organ its threshold, or leave it to the suggestion.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    thresholds : (low, high) or None
+
+    Raises
+    ------
+    ValueError
+        If it is no range.
+    """
+    organ.thresholdAutomatic = thresholds is None
+    if thresholds is None:
+        return
+    try:
+        low, high = (float(level) for level in thresholds)
+    except (TypeError, ValueError):
+        low, high = 1.0, 0.0
+    if not low <= high:
+        raise ValueError(
+            _("The thresholds {found} were given; the lowest and the highest grey level are needed.").format(
+                found=thresholds
+            )
+        )
+    _setThreshold(organ, (low, high))
+
+
+class _Bookkeeping:
+    """Keeps an organ's nodes in step with a fit: what was there comes back when the fit does not come to its end."""
+
+    def __init__(self, organ, volumeNode):
+        self.organ, self.volumeNode = organ, volumeNode
+        self.before = organ.surface.GetPolyData() if organ.surface is not None else None
+        self.model = None
+        self._organ = _("organ"), _("Add the organ again.")
+        name = volumeNode.GetName() if volumeNode is not None else ""
+        self._volume = _("volume {name}").format(name=name), _("Choose a volume and fit again.")
+        self._surface = _("surface"), _("Fit the organ again.")
+
+    def __enter__(self):
+        self._check(self.organ.parameterNode, *self._organ)
+        return self
+
+    def __exit__(self, kind, error, trace):
+        if kind is None:
+            return
+        # The model is kept here too: an organ that was removed from the scene does not know it any more.
+        if self._isThere(self.model) and self.before is not None:
+            self.model.SetAndObservePolyData(self.before)
+        elif self._isThere(self.model):
+            removeNodes([self.model])
+        if isinstance(error, ValueError) and self._isThere(self.organ.parameterNode):
+            self.organ.message = str(error)
+            if self.organ.surface is None:
+                self.organ.state = OrganState.FAILED
+
+    def followed(self, image, steps):
+        """Pass the steps of a fit on, as long as what it needs is there, and record its result."""
+        self.model = modelOf(self.organ, self.volumeNode)
+        fit = yield from self._checked(steps)
+        self._record(image, fit)
+        return fit
+
+    def _checked(self, steps):
+        while True:
+            self._checkNodes()
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                return end.value
+            yield step
+
+    def _checkNodes(self):
+        self._check(self.organ.parameterNode, *self._organ)
+        self._check(self.volumeNode, *self._volume)
+        self._check(self.model, *self._surface)
+
+    def _check(self, node, what, remedy):
+        if not self._isThere(node):
+            raise ValueError(
+                _("The {what} was deleted, but it is needed for the fit. {remedy}").format(what=what, remedy=remedy)
+            )
+
+    def _record(self, image, fit):
+        from ..registration.doubts import warnings_about
+
+        organ, model = self.organ, self.model
+        pulled = fit.uncorrected if len(fit.boundary_points) else None
+        showSurface(model, fit.surface, name=organ.label, uncorrected=pulled)
+        table, _chart = convergenceOf(organ, self.volumeNode)
+        showConvergence(table, fit.history)
+        boundaryDeviations(organ, self.volumeNode)
+        with slicer.util.NodeModify(organ.parameterNode):
+            organ.state = OrganState.FITTED if fit.converged else OrganState.UNSETTLED
+            organ.volumeMl = float(worldVolumeMl(model, fit.surface))
+            told = _("{count} iterations, cost {cost}, {seconds} s").format(
+                count=fit.iterations, cost=f"{fit.cost_final:.3g}", seconds=f"{fit.seconds:.2f}"
+            )
+            organ.message = "\n".join([told, *warnings_about(image, fit)])
+
+    @staticmethod
+    def _isThere(node):
+        return node is not None and node.GetScene() is not None
+
+
+def _regionOf(organ, volumeNode, image):
+    from ..imaging.separation import separate
+
+    if organ.source is RegionSource.SEGMENT:
+        return regionFromSegment(organ.inputSegmentation, organ.inputSegmentId, volumeNode, image)
+    seeds = markedPoints(organ.seeds, volumeNode)
+    if not len(seeds):
+        raise ValueError(
+            _("The organ {name} has no seed; one is needed. Place a point inside the organ.").format(name=organ.label)
+        )
+    options = organ.options()
+    return separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
+
+
+def _setThreshold(organ, threshold):
+    from slicer.parameterNodeWrapper import FloatRange
+
+    low, high = (float(level) for level in threshold)
+    if (organ.threshold.minimum, organ.threshold.maximum) != (low, high):
+        organ.threshold = FloatRange(low, high)
+
+
+def _boundaryPoints(organ, volumeNode):
+    points = markedPoints(organ.boundaryPoints, volumeNode)
+    return points if len(points) else None
+
+
+def _seedWarnings(organ, volumeNode, image, region):
+    """Tell of seeds outside of a region that was not separated from them."""
+    import numpy as np
+
+    if organ.source is not RegionSource.SEGMENT:
+        return []
+    seeds = markedPoints(organ.seeds, volumeNode)
+    if not len(seeds):
+        return []
+    voxels = np.rint(image.to_ijk(seeds)[:, ::-1]).astype(int) - np.asarray(region.offset)
+    within = np.all((voxels >= 0) & (voxels < region.mask.shape), axis=1)
+    held = [bool(region.mask[tuple(voxel)]) for voxel in voxels[within]]
+    if all(held) and all(within):
+        return []
+    return [_("The segment does not hold every seed; look whether it is the right one.")]

@@ -1,0 +1,312 @@
+"""The nodes of an organ: made when they are needed, in the volume's folder and under its transform."""
+
+from __future__ import annotations
+
+import slicer
+from slicer.i18n import tr as _
+
+from .convergence import createPlot, seriesOf, seriesOfTable
+from .points import createPoints, paintPoints
+from .regions import TYPE_ATTRIBUTE, addSegment, findRegions, regionsOf
+from .surfaces import createModel
+from .volumes import putUnderVolume
+
+_FOLDER = "folder"
+_BOUNDARY_COLOR = (1.0, 0.95, 0.2)
+
+
+def paint(organ):
+    """Give the nodes of an organ its colour, and its segment its name.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    """
+    if organ.surface is not None and organ.surface.GetDisplayNode() is not None:
+        organ.surface.GetDisplayNode().SetColor(*organ.color)
+    if organ.seeds is not None:
+        paintPoints(organ.seeds, organ.color)
+    for series in seriesOf(organ.plot) if organ.plot is not None else []:
+        series.SetColor(*organ.color)
+    if organ.regions is not None and organ.regionSegmentId:
+        addSegment(organ.regions, organ.regionSegmentId, organ.label, organ.color)
+
+
+def isVisible(organ):
+    """Whether the surface, or before there is one the region, is shown.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    bool
+    """
+    if organ.surface is not None:
+        display = organ.surface.GetDisplayNode()
+        return bool(display is not None and display.GetVisibility())
+    display = organ.regions.GetDisplayNode() if organ.regions is not None else None
+    return bool(display is None or display.GetSegmentVisibility(organ.regionSegmentId))
+
+
+def setVisible(organ, visible):
+    """Show or hide everything that belongs to an organ.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    visible : bool
+    """
+    for node in (organ.surface, organ.seeds, organ.boundaryPoints):
+        if node is not None and node.GetDisplayNode() is not None:
+            node.GetDisplayNode().SetVisibility(visible)
+    if organ.regions is not None and organ.regions.GetDisplayNode() is not None and organ.regionSegmentId:
+        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, visible)
+
+
+def volumeOf(organ):
+    """Volume that an organ was separated in last.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    vtkMRMLScalarVolumeNode or None
+    """
+    role = slicer.vtkMRMLSegmentationNode.GetReferenceImageGeometryReferenceRole()
+    return organ.regions.GetNodeReference(role) if organ.regions is not None else None
+
+
+def seedsOf(organ, volumeNode):
+    """List of an organ's seeds; made where there is none.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    vtkMRMLMarkupsFiducialNode
+    """
+    if organ.seeds is None:
+        organ.seeds = createPoints(_("{organ} seeds").format(organ=organ.label), organ.color)
+    return _placed(organ.seeds, organ, volumeNode)
+
+
+def boundaryPointsOf(organ, volumeNode):
+    """List of an organ's boundary points; made where there is none.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    vtkMRMLMarkupsFiducialNode
+    """
+    if organ.boundaryPoints is None:
+        name = _("{organ} boundary points").format(organ=organ.label)
+        organ.boundaryPoints = createPoints(name, _BOUNDARY_COLOR)
+        organ.boundaryPoints.GetDisplayNode().SetPointLabelsVisibility(True)
+    return _placed(organ.boundaryPoints, organ, volumeNode)
+
+
+def segmentOf(organ, volumeNode):
+    """Segment that shows an organ's region; made where there is none.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    segmentationNode : vtkMRMLSegmentationNode
+    segmentId : str
+    """
+    regions = regionsOf(volumeNode)
+    if organ.regions is not None and organ.regions is not regions and organ.regionSegmentId:
+        # The organ was separated in another volume before.
+        organ.regions.GetSegmentation().RemoveSegment(organ.regionSegmentId)
+    segmentId = organ.regionSegmentId
+    if organ.regions is not regions or not segmentId:
+        segmentId = regions.GetSegmentation().GenerateUniqueSegmentID(f"VIC_{organ.label}")
+    # The segment first: those who follow the organ look for what it refers to.
+    addSegment(regions, segmentId, organ.label, organ.color)
+    with slicer.util.NodeModify(organ.parameterNode):
+        organ.regions, organ.regionSegmentId = regions, segmentId
+    return _placed(regions, organ, volumeNode), segmentId
+
+
+def hasSegment(organ):
+    """Whether an organ has the segment that shows its region.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    bool
+    """
+    if organ.regions is None or not organ.regionSegmentId:
+        return False
+    return organ.regions.GetSegmentation().GetSegment(organ.regionSegmentId) is not None
+
+
+def modelOf(organ, volumeNode):
+    """Model that shows an organ's surface; made where there is none.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    vtkMRMLModelNode
+    """
+    if organ.surface is None:
+        organ.surface = createModel(_("{organ} surface").format(organ=organ.label), organ.color)
+    return _placed(organ.surface, organ, volumeNode)
+
+
+def convergenceOf(organ, volumeNode):
+    """Table and plot of an organ's convergence; made where there are none.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    tableNode : vtkMRMLTableNode
+    chartNode : vtkMRMLPlotChartNode
+    """
+    name = _("{organ} convergence").format(organ=organ.label)
+    if organ.convergence is None:
+        organ.convergence = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", name)
+    if organ.plot is not None and not seriesOf(organ.plot):
+        slicer.mrmlScene.RemoveNode(organ.plot)
+    if organ.plot is None:
+        organ.plot = createPlot(organ.convergence, name, organ.color)
+    for series in seriesOf(organ.plot):
+        series.SetAndObserveTableNodeID(organ.convergence.GetID())
+        _putInFolder(series, organ, volumeNode)
+    _putInFolder(organ.plot, organ, volumeNode)
+    _putInFolder(organ.convergence, organ, volumeNode)
+    return organ.convergence, organ.plot
+
+
+def followVolume(organ, volumeNode):
+    """Put what belongs to an organ under the transform that its volume is under now.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
+    for node in (organ.seeds, organ.boundaryPoints, organ.regions, organ.surface):
+        if node is not None:
+            putUnderVolume(node, volumeNode)
+
+
+def nodesOf(organ):
+    """Nodes that go with an organ: the segmentation, which all organs of a volume share, is none of them.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    list of vtkMRMLNode
+    """
+    series = seriesOf(organ.plot) if organ.plot is not None else []
+    if organ.convergence is not None:
+        # A series outlives its chart when somebody deletes that.
+        series += [node for node in seriesOfTable(organ.convergence) if node not in series]
+    return organ.ownedNodes() + series
+
+
+def removeNodes(nodes):
+    """Remove nodes with what shows and stores them, and the folders of organs that are empty then.
+
+    Parameters
+    ----------
+    nodes : list of vtkMRMLNode
+    """
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+    folders = {hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) for node in nodes}
+    for node in nodes:
+        for one in [node, *_attached(node)]:
+            slicer.mrmlScene.RemoveNode(one)
+    for folder in folders:
+        if _isFolder(hierarchy, folder) and not hierarchy.GetNumberOfItemChildren(folder):
+            hierarchy.RemoveItem(folder)
+
+
+def removeSegment(organ):
+    """Remove the segment of an organ, and the segmentation when it was the last one.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    """
+    regions = organ.regions
+    if not hasSegment(organ):
+        return
+    regions.GetSegmentation().RemoveSegment(organ.regionSegmentId)
+    if not regions.GetSegmentation().GetNumberOfSegments():
+        removeNodes([regions])
+
+
+def _attached(node):
+    """Display and storage nodes of a node."""
+    attached = []
+    if node.IsA("vtkMRMLStorableNode"):
+        attached += [node.GetNthStorageNode(index) for index in range(node.GetNumberOfStorageNodes())]
+    if node.IsA("vtkMRMLDisplayableNode"):
+        attached += [node.GetNthDisplayNode(index) for index in range(node.GetNumberOfDisplayNodes())]
+    return [one for one in attached if one is not None]
+
+
+def _placed(node, organ, volumeNode):
+    """Put a node where its volume is: under its transform, and in the folder beside it."""
+    putUnderVolume(node, volumeNode)
+    _putInFolder(node, organ, volumeNode)
+    return node
+
+
+def _putInFolder(node, organ, volumeNode):
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+    item = hierarchy.GetItemByDataNode(node)
+    if not item or _isFolder(hierarchy, hierarchy.GetItemParent(item)):
+        # Where it belongs, or moved there by the user.
+        return
+    hierarchy.SetItemParent(item, _folderOf(hierarchy, organ, volumeNode))
+
+
+def _folderOf(hierarchy, organ, volumeNode):
+    """Folder of a volume's organs: the one that holds their regions or the organ, or a new one beside the volume."""
+    regions = findRegions(volumeNode)
+    for node in [regions, *organ.ownedNodes()]:
+        folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) if node is not None else 0
+        if _isFolder(hierarchy, folder):
+            return folder
+    parent = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(volumeNode))
+    folder = hierarchy.CreateFolderItem(parent, _("{volume} organs").format(volume=volumeNode.GetName()))
+    hierarchy.SetItemAttribute(folder, TYPE_ATTRIBUTE, _FOLDER)
+    if regions is not None:
+        hierarchy.SetItemParent(hierarchy.GetItemByDataNode(regions), folder)
+    return folder
+
+
+def _isFolder(hierarchy, item):
+    return bool(item) and hierarchy.GetItemAttribute(item, TYPE_ATTRIBUTE) == _FOLDER

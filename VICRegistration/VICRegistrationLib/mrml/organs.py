@@ -1,0 +1,198 @@
+"""The organs of a scene, each with a hidden parameter node of its own."""
+
+from __future__ import annotations
+
+import contextlib
+
+import slicer
+
+from .organ_nodes import nodesOf, paint, removeNodes, removeSegment
+from .parameters import OrganParameters
+from .regions import TYPE_ATTRIBUTE
+
+# Colours of the usual organs as in Slicer's anatomy table, roughly; others take the next that is free.
+PRESETS = {
+    "bladder": (0.87, 0.60, 0.26),
+    "vagina": (0.86, 0.45, 0.55),
+    "rectum": (0.55, 0.62, 0.35),
+    "uterus": (0.72, 0.40, 0.68),
+}
+_OTHER_COLORS = ((0.35, 0.62, 0.78), (0.45, 0.75, 0.55), (0.80, 0.75, 0.35), (0.60, 0.55, 0.85))
+_ORGAN = "organ"
+
+
+class Organs:
+    """The list of organs in the module's parameter node.
+
+    Parameters
+    ----------
+    parameters : ModuleParameters
+
+    Notes
+    -----
+    Every organ is one hidden vtkMRMLScriptedModuleNode; nodes that others removed from the scene are passed over.
+    """
+
+    def __init__(self, parameters):
+        self.parameters = parameters
+        self._wrappers = {}
+
+    def __iter__(self):
+        """Organs in the order of the table."""
+        return iter([self.of(node) for node in self.nodes()])
+
+    def __len__(self):
+        """Count the organs."""
+        return len(self.nodes())
+
+    def nodes(self):
+        """Parameter nodes of the organs that are still in the scene.
+
+        Returns
+        -------
+        list of vtkMRMLScriptedModuleNode
+        """
+        return [node for node in self.parameters.organs if node is not None and node.GetScene() is not None]
+
+    def of(self, node):
+        """Organ of a parameter node, the same object every time.
+
+        Parameters
+        ----------
+        node : vtkMRMLScriptedModuleNode
+
+        Returns
+        -------
+        OrganParameters
+        """
+        kept = self._wrappers.get(node.GetID())
+        if kept is None or kept.parameterNode is not node:
+            kept = self._wrappers[node.GetID()] = OrganParameters(node)
+        return kept
+
+    def current(self):
+        """Organ that is worked on, or None.
+
+        Returns
+        -------
+        OrganParameters or None
+        """
+        node = self.parameters.current
+        return self.of(node) if node is not None and node.GetScene() is not None else None
+
+    def add(self, name, color=None):
+        """Add an organ and make it the current one.
+
+        Parameters
+        ----------
+        name : str
+            A number is appended if there is such an organ.
+        color : (r, g, b), optional
+            0 to 1; that of the preset of this name, or one that is not used yet.
+
+        Returns
+        -------
+        OrganParameters
+        """
+        node = slicer.mrmlScene.CreateNodeByClass("vtkMRMLScriptedModuleNode")
+        node.UnRegister(None)
+        node.SetModuleName("VICRegistration")
+        node.SetAttribute(TYPE_ATTRIBUTE, _ORGAN)
+        node.SetHideFromEditors(True)
+        label = self._unusedName(name)
+        node.SetName(slicer.mrmlScene.GenerateUniqueName(f"VIC {label}"))
+        slicer.mrmlScene.AddNode(node)
+        organ = self.of(node)
+        organ.label = label
+        organ.color = tuple(float(part) for part in color or self._unusedColor(name))
+        self.parameters.organs = [*self.nodes(), node]
+        self.parameters.current = node
+        return organ
+
+    @contextlib.contextmanager
+    def adding(self, name):
+        """Add an organ for good only if what is done with it does not fail.
+
+        Parameters
+        ----------
+        name : str
+
+        Yields
+        ------
+        OrganParameters
+            Removed again, with all that was made for it, if a ValueError leaves the context.
+        """
+        volume, current = self.parameters.volume, self.parameters.current
+        organ = self.add(name)
+        try:
+            yield organ
+        except ValueError:
+            self.remove(organ)
+            self.parameters.volume, self.parameters.current = volume, current
+            raise
+
+    def remove(self, organ):
+        """Remove an organ with everything that it owns; another one becomes the current one.
+
+        Parameters
+        ----------
+        organ : OrganParameters
+        """
+        node, nodes = organ.parameterNode, self.nodes()
+        left = [other for other in nodes if other is not node]
+        with slicer.util.NodeModify(self.parameters.parameterNode):
+            if self.parameters.current is node:
+                position = nodes.index(node) if node in nodes else 0
+                self.parameters.current = left[min(position, len(left) - 1)] if left else None
+            self.parameters.organs = left
+        self._wrappers.pop(node.GetID(), None)
+        removeNodes(nodesOf(organ))
+        removeSegment(organ)
+        slicer.mrmlScene.RemoveNode(node)
+
+    def rename(self, organ, name):
+        """Rename an organ and its nodes, but for those that were given names of their own.
+
+        Parameters
+        ----------
+        organ : OrganParameters
+        name : str
+            Blank names and those of other organs are not taken: the organ then keeps its name.
+        """
+        name, old = name.strip(), organ.label
+        if not name or name == old or name in self._names():
+            return
+        organ.label = name
+        for node in nodesOf(organ):
+            if node.GetName().startswith(f"{old} "):
+                node.SetName(name + node.GetName()[len(old) :])
+        paint(organ)
+
+    def adopt(self):
+        """Bring the list in order after a scene was loaded: drop what is gone, take in organs that no list holds."""
+        self._wrappers.clear()
+        nodes = self.nodes()
+        for node in slicer.util.getNodesByClass("vtkMRMLScriptedModuleNode"):
+            if node.GetAttribute(TYPE_ATTRIBUTE) == _ORGAN and node not in nodes:
+                nodes.append(node)
+        if list(self.parameters.organs) != nodes:
+            self.parameters.organs = nodes
+        if self.parameters.current is None and nodes:
+            self.parameters.current = nodes[0]
+
+    def _names(self):
+        return [organ.label for organ in self]
+
+    def _unusedName(self, name):
+        names, count = self._names(), 2
+        unused = name
+        while unused in names:
+            unused, count = f"{name} {count}", count + 1
+        return unused
+
+    def _unusedColor(self, name):
+        if name in PRESETS:
+            return PRESETS[name]
+        used = [organ.color for organ in self]
+        free = [color for color in _OTHER_COLORS if color not in used]
+        return (free or _OTHER_COLORS)[0]

@@ -1,0 +1,165 @@
+"""Lists of points that are placed in the views: seeds and boundary points."""
+
+from __future__ import annotations
+
+import numpy as np
+import slicer
+from slicer.i18n import tr as _
+
+from .volumes import localPoints
+
+
+def createPoints(name, color):
+    """Make an empty list of points, without labels in the views.
+
+    Parameters
+    ----------
+    name : str
+    color : (r, g, b)
+        0 to 1.
+
+    Returns
+    -------
+    vtkMRMLMarkupsFiducialNode
+    """
+    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
+    # Without the list's name, which an organ's name may make a format that crashes: "bladder, 50 % full".
+    node.SetControlPointLabelFormat("%d")
+    node.CreateDefaultDisplayNodes()
+    display = node.GetDisplayNode()
+    display.SetPointLabelsVisibility(False)
+    display.SetPropertiesLabelVisibility(False)
+    paintPoints(node, color)
+    return node
+
+
+def paintPoints(node, color):
+    """Give the points of a list their colour.
+
+    Parameters
+    ----------
+    node : vtkMRMLMarkupsFiducialNode
+    color : (r, g, b)
+        0 to 1.
+    """
+    display = node.GetDisplayNode()
+    if display is not None:
+        display.SetColor(*color)
+        # Points are selected when they are placed.
+        display.SetSelectedColor(*color)
+
+
+def placingEvents():
+    """Events after which a list holds other points: not those of every movement of the mouse.
+
+    Returns
+    -------
+    tuple of int
+        Events of vtkMRMLMarkupsNode.
+    """
+    node = slicer.vtkMRMLMarkupsNode
+    return (
+        node.PointPositionDefinedEvent,
+        node.PointPositionUndefinedEvent,
+        node.PointRemovedEvent,
+        node.PointEndInteractionEvent,
+    )
+
+
+def markedPoints(markupsNode, volumeNode):
+    """Points that were placed in a list, in a volume's local frame.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode or None
+        Points that are still being placed do not count.
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Local RAS mm; empty without a list.
+    """
+    return localPoints(volumeNode, placedPoints(markupsNode))
+
+
+def addPoints(markupsNode, points):
+    """Add points to a list, as if they had been placed.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+    points : (n, 3) array_like or vtkMRMLMarkupsFiducialNode or None
+        World RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If they are no points.
+    """
+    if points is None:
+        return
+    if hasattr(points, "GetNumberOfControlPoints"):
+        points = placedPoints(points)
+    try:
+        positions = np.atleast_2d(np.asarray(points, dtype=float))
+    except (TypeError, ValueError):
+        positions = np.array([[np.nan]])
+    if not positions.size:
+        return
+    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
+        raise ValueError(
+            _("The points {points} were given; each needs three finite coordinates in RAS mm.").format(points=points)
+        )
+    for position in positions:
+        markupsNode.AddControlPointWorld(*(float(coordinate) for coordinate in position))
+
+
+def placedPoints(markupsNode):
+    """Points that were placed in a list, in the world.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode or None
+        Points that are still being placed do not count.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        World RAS mm; empty without a list.
+    """
+    if markupsNode is None:
+        return np.empty((0, 3))
+    placed = [markupsNode.GetNthControlPointPositionWorld(index) for index in _placedIndices(markupsNode)]
+    return np.reshape(placed, (-1, 3))
+
+
+def labelPoints(markupsNode, labels):
+    """Write texts beside the points of a list.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+    labels : sequence of str
+        One for every point that was placed.
+    """
+    for index, label in zip(_placedIndices(markupsNode), labels):
+        if markupsNode.GetNthControlPointLabel(index) != label:
+            markupsNode.SetNthControlPointLabel(index, label)
+
+
+def removeLastPoint(markupsNode):
+    """Remove the point of a list that was placed last, if there is one.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+    """
+    for index in _placedIndices(markupsNode)[-1:]:
+        markupsNode.RemoveNthControlPoint(index)
+
+
+def _placedIndices(markupsNode):
+    defined = slicer.vtkMRMLMarkupsNode.PositionDefined
+    count = markupsNode.GetNumberOfControlPoints()
+    return [index for index in range(count) if markupsNode.GetNthControlPointPositionStatus(index) == defined]

@@ -1,0 +1,124 @@
+"""Volume nodes as images of the library, and places in the world as places in them.
+
+A volume's grey levels are taken in its local RAS mm, before its parent transform, whatever kind of transform that is.
+Points in the world are brought there; regions and surfaces are put under the same transform. An organ is then fitted
+on the grid as it was acquired, and shown where the transform takes it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import slicer
+import vtk
+from slicer.i18n import tr as _
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+
+def imageFromVolume(volumeNode):
+    """Image of a volume node, in the volume's local RAS mm.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    VICRegistrationLib.imaging.image.Image
+        A view of the node's voxels: nothing is copied.
+
+    Raises
+    ------
+    ValueError
+        If there is no volume, or it holds no grey levels that could be fitted.
+    """
+    from ..imaging.image import Image
+
+    if volumeNode is not None and not isinstance(volumeNode, slicer.vtkMRMLVolumeNode):
+        name = volumeNode.GetName() if hasattr(volumeNode, "GetName") else repr(volumeNode)
+        raise ValueError(
+            _("The input {found} is no volume; a volume node of the scene is needed. Choose the input volume.").format(
+                found=name
+            )
+        )
+    if volumeNode is None or volumeNode.GetScene() is None:
+        raise ValueError(_("No volume is chosen; one is needed to look for organs in. Choose the input volume."))
+    data = volumeNode.GetImageData()
+    if data is None or data.GetPointData().GetScalars() is None:
+        raise ValueError(
+            _("The volume {name} holds no voxels; a volume with grey levels is needed. Load it again.").format(
+                name=volumeNode.GetName()
+            )
+        )
+    if data.GetNumberOfScalarComponents() != 1:
+        raise ValueError(
+            _(
+                "The volume {name} has {count} values in every voxel; one grey level is needed. Convert it with the "
+                "module Vector to Scalar Volume."
+            ).format(name=volumeNode.GetName(), count=data.GetNumberOfScalarComponents())
+        )
+    ijkToRas = vtk.vtkMatrix4x4()
+    volumeNode.GetIJKToRASMatrix(ijkToRas)
+    try:
+        return Image(slicer.util.arrayFromVolume(volumeNode), slicer.util.arrayFromVTKMatrix(ijkToRas))
+    except ValueError as error:
+        msg = f"{volumeNode.GetName()}: {error}"
+        raise ValueError(msg) from error
+
+
+def localPoints(volumeNode, worldPoints):
+    """Bring points from the world into a volume's local frame.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLTransformableNode
+    worldPoints : (n, 3) or (3,) array_like
+        World RAS mm.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Local RAS mm.
+    """
+    return _transformed(None, volumeNode.GetParentTransformNode(), worldPoints)
+
+
+def worldPoints(volumeNode, points):
+    """Bring points of a volume's local frame into the world; the inverse of :func:`localPoints`.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLTransformableNode
+    points : (n, 3) or (3,) array_like
+        Local RAS mm.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        World RAS mm.
+    """
+    return _transformed(volumeNode.GetParentTransformNode(), None, points)
+
+
+def putUnderVolume(node, volumeNode):
+    """Put a node under the parent transform of a volume, so that both lie in one local frame.
+
+    Parameters
+    ----------
+    node : vtkMRMLTransformableNode
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
+    parent = volumeNode.GetParentTransformNode()
+    node.SetAndObserveTransformNodeID(parent.GetID() if parent else None)
+
+
+def _transformed(source, target, points):
+    points = np.atleast_2d(np.asarray(points, dtype=float)).reshape(-1, 3)
+    if source is None and target is None:
+        return points
+    transform = vtk.vtkGeneralTransform()
+    slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(source, target, transform)
+    given, moved = vtk.vtkPoints(), vtk.vtkPoints()
+    given.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
+    moved.SetDataTypeToDouble()
+    transform.TransformPoints(given, moved)
+    return vtk_to_numpy(moved.GetData()).reshape(-1, 3).copy()
