@@ -3,6 +3,7 @@
 #   make test        run the tests
 #   make lint        check style and format
 #   make benchmark   measure time and memory
+#   make screenshots draw the README's pictures of Slicer (needs Python 3.10+ and OpenGL, no Slicer)
 #   make reproduce   repeat the paper's validation, table and plots in build/reproduce
 #   make clean       remove everything made by the above
 
@@ -13,7 +14,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test lint benchmark reproduce clean
+.PHONY: demo test lint benchmark reproduce screenshots clean
 
 demo: $(VENV)/pictures.stamp
 	$(BIN)/python -m VICRegistrationLib.demo build/demo
@@ -31,6 +32,10 @@ benchmark: $(VENV)/pictures.stamp
 reproduce: $(VENV)/pictures.stamp
 	$(BIN)/vic-registration reproduce build/reproduce
 
+screenshots: $(VENV)/screenshots.stamp
+	$(BIN)/python Resources/draw_screenshots.py
+	$(BIN)/python Resources/draw_panel.py
+
 clean:
 	rm -rf $(VENV) build .pytest_cache .ruff_cache VICRegistration/*.egg-info
 
@@ -44,6 +49,10 @@ $(VENV)/pictures.stamp: pyproject.toml | $(BIN)/python
 
 $(VENV)/test.stamp: pyproject.toml | $(BIN)/python
 	$(INSTALL) --editable '.[test]'
+	touch $@
+
+$(VENV)/screenshots.stamp: pyproject.toml | $(BIN)/python
+	$(INSTALL) --editable '.[screenshots]'
 	touch $@
 
 $(VENV)/lint.stamp: Makefile | $(BIN)/python

@@ -1,0 +1,116 @@
+"""Draw the README's pictures of Slicer's views: an organ separated, three organs fitted, one of them corrected.
+
+The scene is filled by the module's own code and drawn by Slicer's displayable managers, but without Slicer: needs the
+package slicer-core, and OpenGL that works off screen. The image is the demo's, with air in the bladder.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT / "VICRegistration"), str(ROOT / "Testing" / "Python")]
+
+from slicer_stand_ins.bench import install
+
+APPLICATION = install().application
+
+import slicer
+from slicer_views import SLICES, SliceView, ThreeDView, draws_off_screen, side_by_side, write_png
+
+from VICRegistration import VICRegistrationLogic
+from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.imaging.phantom import paint, volume_fractions
+from VICRegistrationLib.mrml.fitting import fitSteps
+from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
+from VICRegistrationLib.registration.organ import finish
+
+FOLDER = ROOT / "Resources" / "Screenshots"
+VIEW_SIZE = (480, 360)
+# From the patient's right and front, somewhat from above.
+EYE = (0.7, 1.0, 0.25)
+AIR_MM = 6.0
+# Where the wall in front of the air is clicked, to the right and to the head of its foremost place.
+CLICKS_MM = ((0, 0), (15, 0), (-15, 0), (0, 9), (0, -9))
+
+
+def main() -> None:
+    """Draw all pictures into Resources/Screenshots."""
+    if not draws_off_screen():
+        sys.exit("There is no OpenGL that draws off screen; install libegl1 or libosmesa6, or use xvfb-run.")
+    phantom = pelvis_phantom()
+    wall = triangulate(phantom.surfaces["bladder"]).points
+    front, bladder_center = wall[wall[:, 1].argmax()], wall.mean(axis=0)
+    all_organs = np.mean([surface.control_net.mean(axis=(0, 1)) for surface in phantom.surfaces.values()], axis=0)
+    phantom = with_air_in_the_bladder(phantom, front[1] - AIR_MM)
+    logic, volume = VICRegistrationLogic(), add_volume(phantom.image)
+    views = Views(slicer.mrmlScene, volume)
+    # One click in the middle of each organ.
+    seeds = {name: seeds[len(seeds) // 2 :][:1] for name, seeds in phantom.seeds.items()}
+
+    bladder = logic.addOrgan(volume, seeds["bladder"], name="bladder")
+    views.draw("preview", seeds["bladder"][0], 120.0, middle=bladder_center)
+
+    finish(fitSteps(bladder, volume))
+    others = [logic.fit(volume, seeds[name], name=name) for name in ("vagina", "rectum")]
+    for organ in (bladder, *others):
+        print(f"{organ.label}: {organ.volumeMl:.1f} ml, {phantom.surfaces[organ.label].volume() / 1e3:.1f} ml in truth")
+    views.draw("fitted", (front[0], *bladder_center[1:]), 150.0, middle=all_organs)
+
+    left = logic.refit(bladder, clicks_on(wall[wall[:, 1] > bladder_center[1]], front))
+    print(f"bladder corrected: {bladder.volumeMl:.1f} ml, {np.abs(left).max():.2f} mm from the boundary points")
+    views.draw("corrected", front - (0, AIR_MM / 2, 0), 100.0, middle=bladder_center)
+
+
+def with_air_in_the_bladder(phantom, level):
+    """Return the phantom with air in front of a level (mm along A) in the bladder, as after a catheter."""
+    image, surface = phantom.image, triangulate(phantom.surfaces["bladder"])
+    lumen = volume_fractions(surface.points, surface.triangles, image.array.shape, image.ijk_to_ras)
+    k, j, i = np.indices(image.array.shape, sparse=True)
+    to_ras = image.ijk_to_ras[1]
+    height = to_ras[0] * i + to_ras[1] * j + to_ras[2] * k + to_ras[3] - level
+    above = np.clip(height / min(image.spacing) + 0.5, 0.0, 1.0)
+    air = ndimage.gaussian_filter(lumen * above, (0.0, 0.6, 0.6))
+    noise = np.random.default_rng(0).rayleigh(45.0, air.shape)
+    array = np.rint(paint(image.array, [(air, noise)])).astype(image.array.dtype)
+    return dataclasses.replace(phantom, image=dataclasses.replace(image, array=array))
+
+
+def add_volume(image):
+    """Put an image into the scene."""
+    volume = slicer.util.addVolumeFromArray(image.array, ijkToRAS=image.ijk_to_ras, name="MRI")
+    volume.CreateDefaultDisplayNodes()
+    return volume
+
+
+def clicks_on(wall, front):
+    """Places on the wall around its foremost one."""
+    distances = np.linalg.norm((wall - front)[:, None, [0, 2]] - CLICKS_MM, axis=2)
+    return wall[distances.argmin(axis=0)]
+
+
+class Views:
+    """The four views of Slicer's usual layout."""
+
+    def __init__(self, scene, volume):
+        self._volume = volume
+        self._slices = {name: SliceView(scene, APPLICATION, name, VIEW_SIZE) for name in SLICES}
+        self._threeD = ThreeDView(scene, APPLICATION, VIEW_SIZE)
+
+    def draw(self, name, center, height_mm, *, middle):
+        """Write a picture of the slices through a place, and of what is around the middle in 3D."""
+        for view in self._slices.values():
+            view.show(self._volume, center, height_mm)
+        self._threeD.look(middle, EYE, 1.25 * height_mm)
+        red, yellow, green = (self._slices[name].picture() for name in ("Red", "Yellow", "Green"))
+        FOLDER.mkdir(exist_ok=True)
+        write_png(side_by_side([[red, self._threeD.picture()], [green, yellow]]), FOLDER / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""What Slicer's views show of an organ, drawn off screen by Slicer's own code for the README's pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_phantom import CENTER, ellipsoid, ellipsoid_image
+
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.imaging.separation import separate
+
+# The organ of 44 mm leaves room for the bar and the letters at the edges.
+SIZE, HEIGHT_MM = (200, 160), 90.0
+PIXEL_MM = HEIGHT_MM / SIZE[1]
+COLOR, MARK = np.array([0.1, 0.4, 0.95]), np.array([1.0, 0.0, 1.0])
+FILL = 0.35
+# What lies to the right of the picture and above it (RAS), as Slicer shows a patient: seen from the feet, from the left
+# and from the front.
+DIRECTIONS = {
+    "Red": ([-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
+    "Yellow": ([0.0, -1.0, 0.0], [0.0, 0.0, 1.0]),
+    "Green": ([-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
+}
+
+
+@pytest.fixture(scope="module")
+def off_screen(slicer_bench):
+    """Skips where nothing can be drawn."""
+    from slicer_views import draws_off_screen
+
+    if not draws_off_screen():
+        pytest.skip("there is no OpenGL that draws off screen")
+
+
+@pytest.fixture
+def volume(scene, off_screen):
+    import slicer
+
+    image = ellipsoid_image()
+    node = slicer.util.addVolumeFromArray(image.array, ijkToRAS=image.ijk_to_ras, name="MRI")
+    node.CreateDefaultDisplayNodes()
+    return node
+
+
+@pytest.fixture
+def model(volume):
+    from VICRegistrationLib.mrml.surfaces import createModel, showSurface
+
+    node = createModel("organ", tuple(COLOR))
+    showSurface(node, ellipsoid(), name="organ")
+    return node
+
+
+@pytest.fixture
+def region(volume):
+    from VICRegistrationLib.mrml.regions import addSegment, regionsOf, showRegion
+
+    node = regionsOf(volume)
+    node.GetDisplayNode().SetOpacity2DFill(FILL)
+    addSegment(node, "organ", "organ", tuple(COLOR))
+    showRegion(node, "organ", separate(ellipsoid_image(), CENTER[None], threshold=(600.0, 1200.0)))
+    return node
+
+
+@pytest.fixture
+def mark(volume):
+    """A function that marks one place, given relative to the organ's centre in RAS mm."""
+    import slicer
+
+    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "mark")
+    node.CreateDefaultDisplayNodes()
+    node.GetDisplayNode().SetPointLabelsVisibility(False)
+    node.GetDisplayNode().SetSelectedColor(*MARK)
+    return lambda offset: node.AddControlPointWorld(*(CENTER + offset))
+
+
+@pytest.fixture
+def draw_slice(volume, slicer_bench):
+    """A function that draws a slice view around the organ's centre."""
+    from slicer_views import SliceView
+
+    opened = []
+
+    def draw(name):
+        view = SliceView(volume.GetScene(), slicer_bench.application, name, SIZE)
+        opened.append(view)
+        view.show(volume, CENTER, HEIGHT_MM)
+        return view.picture() / 255.0
+
+    yield draw
+    for view in opened:
+        view.close()
+
+
+@pytest.fixture
+def draw_3d(volume, slicer_bench):
+    """A function that draws the 3D view, seen from the front."""
+    from slicer_views import ThreeDView
+
+    view = ThreeDView(volume.GetScene(), slicer_bench.application, SIZE)
+    view.look(CENTER, (0.0, 1.0, 0.0), HEIGHT_MM)
+    yield lambda: view.picture() / 255.0
+    view.close()
+
+
+def places(name, rows, columns):
+    """RAS mm of pixels of a slice view around the organ's centre."""
+    right, up = (np.array(direction) for direction in DIRECTIONS[name])
+    x = (np.asarray(columns) + 0.5 - SIZE[0] / 2) * PIXEL_MM
+    y = (SIZE[1] / 2 - 0.5 - np.asarray(rows)) * PIXEL_MM
+    return CENTER + np.multiply.outer(x, right) + np.multiply.outer(y, up)
+
+
+def depths(points):
+    """Signed distances from the organ's surface in mm, positive outside."""
+    return closest_points(ellipsoid(), points.reshape(-1, 3)).distances.reshape(points.shape[:-1])
+
+
+def pixels_like(picture, color, tolerance=0.2):
+    return np.argwhere(np.abs(picture - color).max(axis=2) < tolerance)
+
+
+@pytest.mark.parametrize("name", DIRECTIONS)
+def test_the_contour_is_drawn_where_the_slice_cuts_the_surface(name, model, draw_slice):
+    found = places(name, *pixels_like(draw_slice(name), COLOR).T)
+    # The line is two pixels wide and pixels have a size; triangles are within 0.1 mm.
+    tolerance = 1.5 * PIXEL_MM + 0.1
+    assert np.abs(depths(found)).max() < tolerance
+    vertices = triangulate(ellipsoid(), resolution=(128, 80)).points
+    normal = np.cross(*DIRECTIONS[name])
+    on_slice = vertices[np.abs((vertices - CENTER) @ normal) < 0.3]
+    assert len(on_slice) > 20
+    assert np.linalg.norm(on_slice[:, None] - found, axis=2).min(axis=1).max() < tolerance + 0.3
+
+
+@pytest.mark.parametrize("name", DIRECTIONS)
+def test_the_region_is_a_translucent_layer_over_the_image(name, region, draw_slice):
+    plain = draw_slice(name)
+    rows, columns = np.arange(40, 120), np.arange(60, 140)
+    depth = depths(places(name, *np.meshgrid(rows, columns, indexing="ij")))
+    pixels = plain[np.ix_(rows, columns)]
+    # Slices of 3 mm make the region's edge uncertain by as much.
+    inside, outside = pixels[depth < -3.0], pixels[depth > 3.0]
+    grey = (inside - FILL * COLOR) / (1.0 - FILL)
+    # Colours have 256 steps, and blending rounds twice.
+    assert np.ptp(grey, axis=1).max() < 0.02
+    assert np.ptp(outside, axis=1).max() < 0.02
+    assert grey.mean() > outside.mean() + 0.2
+
+
+@pytest.mark.parametrize("name", DIRECTIONS)
+def test_the_patient_is_turned_as_in_slicer(name, mark, draw_slice):
+    right, up = (np.array(direction) for direction in DIRECTIONS[name])
+    mark(-12.0 * right + 6.0 * up)
+    row, column = pixels_like(draw_slice(name), MARK).mean(axis=0)
+    assert column == pytest.approx(SIZE[0] / 2 - 12.0 / PIXEL_MM, abs=1.5)
+    assert row == pytest.approx(SIZE[1] / 2 - 6.0 / PIXEL_MM, abs=1.5)
+
+
+def test_the_three_dimensional_view_shows_the_surface_in_its_size(model, draw_3d):
+    # Light makes it darker, not less blue; the background and the bar are blueish.
+    red, blue = (draw_3d()[..., channel] for channel in (0, 2))
+    height, width = np.ptp(np.argwhere(blue > 3.0 * red), axis=0) + 1
+    # Semi-axes of 22 mm along S and 14 mm along R; perspective makes what is near larger, by less than a tenth here.
+    assert height == pytest.approx(44.0 / PIXEL_MM, rel=0.1)
+    assert width == pytest.approx(28.0 / PIXEL_MM, rel=0.1)
+
+
+def test_the_patients_right_is_on_the_left_seen_from_the_front(mark, draw_3d):
+    mark(np.array([20.0, 0.0, 10.0]))
+    picture = draw_3d()
+    row, column = pixels_like(picture, MARK, tolerance=0.4).mean(axis=0)
+    assert column == pytest.approx(SIZE[0] / 2 - 20.0 / PIXEL_MM, abs=2.0)
+    assert row == pytest.approx(SIZE[1] / 2 - 10.0 / PIXEL_MM, abs=2.0)
+
+
+def test_pictures_are_put_together_and_written(tmp_path, off_screen):
+    from matplotlib.image import imread
+    from slicer_views import side_by_side, write_png
+
+    red, blue = (np.full((3, 4, 3), color, np.uint8) for color in ([255, 0, 0], [0, 0, 255]))
+    red[0] = 255
+    write_png(side_by_side([[red, blue], [blue, red]]), tmp_path / "four.png")
+    read = imread(tmp_path / "four.png")
+    assert read.shape == (8, 10, 3)
+    np.testing.assert_array_equal(read[0, 0], [1, 1, 1])
+    np.testing.assert_array_equal(read[1, 0], [1, 0, 0])
+    np.testing.assert_array_equal(read[7, 0], [0, 0, 1])
