@@ -30,6 +30,8 @@ class VICRegistration(ScriptedLoadableModule):
         ScriptedLoadableModule.__init__(self, parent)
         self.parent.title = _("VIC Registration")
         self.parent.categories = [translate("qSlicerAbstractCoreModule", "Segmentation")]
+        # Their classes are named when this file is read.
+        self.parent.dependencies = ["Markups", "Models", "Plots", "Segmentations", "SubjectHierarchy", "Tables"]
         self.parent.contributors = ["VICRegistration contributors"]
         self.parent.helpText = _(
             "Fits one smooth closed B-spline surface per organ to a magnetic resonance image, "
@@ -82,8 +84,9 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.addObserver(scene, event, self.onSceneGoes)
         for event in (scene.EndCloseEvent, scene.EndImportEvent):
             self.addObserver(scene, event, self.onSceneCame)
-        # After a reload Slicer does not enter the module again.
-        self.panel.open()
+        if self.parent.isEntered:
+            # After a reload Slicer does not enter the module again.
+            self.panel.open()
 
     def enter(self):
         """Follow the scene while the module is shown."""
@@ -139,7 +142,9 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         """
         return Organs(self.getParameterNode())
 
-    def addOrgan(self, volumeNode, seeds=None, thresholds=None, *, name="organ", erosion=None, segment=None):
+    def addOrgan(
+        self, volumeNode, seeds=None, thresholds=None, *, name="organ", erosion=None, dilation=None, segment=None
+    ):
         """Add an organ and separate it.
 
         Parameters
@@ -152,6 +157,8 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         name : str
         erosion : float, optional
             Cuts bridges to neighbours, mm; automatic if not given.
+        dilation : float, optional
+            Grows the region back, mm; as far as the erosion if not given.
         segment : (vtkMRMLSegmentationNode, str), optional
             Segmentation and the ID of the segment to take instead of seeds and thresholds.
 
@@ -164,7 +171,9 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         ValueError
             If the organ cannot be separated; nothing is added then.
         """
-        with self._separated(volumeNode, seeds, thresholds, name=name, erosion=erosion, segment=segment) as organ:
+        with self._separated(
+            volumeNode, seeds, thresholds, name=name, erosion=erosion, dilation=dilation, segment=segment
+        ) as organ:
             return organ
 
     def fit(self, volumeNode, seeds=None, thresholds=None, *, options=None, boundaryPoints=None, onStep=None, **organ):
@@ -261,7 +270,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         surfaces.showSurface(modelOf(organ, volumeNode), surface, name=organ.label)
 
     @contextlib.contextmanager
-    def _separated(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, segment=None):
+    def _separated(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, dilation=None, segment=None):
         """Add an organ and separate it; it is removed again when that or what follows fails."""
         volumes.imageFromVolume(volumeNode)
         parameters = self.getParameterNode()
@@ -269,7 +278,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
             parameters.volume = volumeNode
             addPoints(seedsOf(organ, volumeNode), seeds)
             fitting.setThresholds(organ, thresholds)
-            organ.setErosion(erosion)
+            organ.setRadii(erosion, dilation)
             if segment is not None:
                 organ.source = RegionSource.SEGMENT
                 organ.inputSegmentation, organ.inputSegmentId = segment

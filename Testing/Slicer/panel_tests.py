@@ -13,6 +13,7 @@ import unittest
 
 import numpy as np
 import slicer
+import vtk
 
 from VICRegistrationLib.analysis.deviation import deviation
 from VICRegistrationLib.mrml import samples
@@ -29,6 +30,27 @@ def waitFor(condition, *, seconds=60.0):
         slicer.app.processEvents()
 
 
+def clickInSlice(position):
+    """Click at a place (world RAS mm) in the red slice view; False where there is none."""
+    layoutManager = slicer.app.layoutManager()
+    slice_ = layoutManager.sliceWidget("Red") if layoutManager is not None else None
+    if slice_ is None:
+        return False
+    node = slice_.mrmlSliceNode()
+    node.JumpSliceByCentering(*position)
+    slicer.app.processEvents()
+    toView = vtk.vtkMatrix4x4()
+    toView.DeepCopy(node.GetXYToRAS())
+    toView.Invert()
+    x, y = (round(value) for value in toView.MultiplyPoint([*position, 1.0])[:2])
+    interactor = slice_.sliceView().interactor()
+    for event in ("EnterEvent", "MouseMoveEvent", "LeftButtonPressEvent", "LeftButtonReleaseEvent"):
+        interactor.SetEventInformation(x, y, 0, 0, chr(0), 0, None)
+        interactor.InvokeEvent(event)
+    slicer.app.processEvents()
+    return True
+
+
 class PanelTestCase(unittest.TestCase):
     """A scene with the synthetic MRI, and the module's panel."""
 
@@ -37,11 +59,10 @@ class PanelTestCase(unittest.TestCase):
         self.phantom = samples.phantom()
         self.widget = slicer.util.getModuleWidget("VICRegistration")
         self.volume = samples.addPhantomVolume()
-        if slicer.app.layoutManager() is None:
-            # Without a main window modules are not entered by themselves.
-            self.widget.enter()
-        else:
+        if slicer.app.layoutManager() is not None:
             slicer.util.selectModule("VICRegistration")
+        # Modules are not entered without a main window, nor again when they are shown already.
+        self.widget.enter()
         self.ui, self.panel = self.widget.ui, self.widget.panel
         self.ui.volumeSelector.setCurrentNode(self.volume)
 
@@ -61,7 +82,12 @@ class PanelTestCase(unittest.TestCase):
     def placeSeeds(self, name, *, count=3):
         """Place seeds as clicks do, and wait for the region."""
         for seed in self.phantom.seeds[name][:count]:
-            self.organ.seeds.AddControlPointWorld(*seed)
+            before = self.organ.seeds.GetNumberOfDefinedControlPoints()
+            self.ui.seedPlaceWidget.setPlaceModeEnabled(True)
+            if not clickInSlice(seed):
+                self.organ.seeds.AddControlPointWorld(*seed)
+            self.ui.seedPlaceWidget.setPlaceModeEnabled(False)
+            self.assertEqual(self.organ.seeds.GetNumberOfDefinedControlPoints(), before + 1)
         self.waitForRegion()
 
     def waitForRegion(self):
@@ -125,6 +151,25 @@ class SeparateTest(PanelTestCase):
         self.waitForRegion()
         self.assertIn("outside", self.ui.regionStatusLabel.text)
         self.assertEqual(self.organ.surface, None)
+
+    def test_aSegmentThatIsRemovedIsNotReplacedByAnother(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        regions, first = self.organ.regions, self.organ.regionSegmentId
+        self.add("vagina")
+        self.placeSeeds("vagina")
+        self.add("uterus")
+        self.ui.sourceCombo.setCurrentIndex(1)
+        self.ui.segmentSelector.setCurrentNode(regions)
+        self.ui.segmentSelector.setCurrentSegmentID(first)
+        self.assertEqual(self.organ.inputSegmentId, first)
+        regions.GetSegmentation().RemoveSegment(first)
+        slicer.app.processEvents()
+        self.assertIn(self.organ.inputSegmentId, ("", first))
+        self.ui.fitButton.click()
+        self.waitForFit()
+        self.assertEqual(self.organ.surface, None)
+        self.assertIn("segment", self.ui.fitStatusLabel.text)
 
     def test_aSegmentIsTakenInstead(self):
         self.add("bladder")
@@ -360,6 +405,15 @@ class SceneTest(PanelTestCase):
         self.ui.organsTable.selectRow(0)
         self.assertEqual((self.organ.label, self.ui.netRowsSpin.value), ("bladder", 11))
         self.assertIs(self.ui.seedPlaceWidget.currentNode(), self.organ.seeds)
+
+    def test_clicksDoNotGoToTheOrganBefore(self):
+        self.fitted("bladder")
+        self.add("rectum")
+        self.ui.organsTable.selectRow(0)
+        self.assertFalse(self.ui.seedPlaceWidget.placeModeEnabled)
+        self.ui.boundaryPlaceWidget.setPlaceModeEnabled(True)
+        self.ui.organsTable.selectRow(1)
+        self.assertFalse(self.ui.boundaryPlaceWidget.placeModeEnabled)
 
     def test_noPlaceModeIsLeftBehind(self):
         self.add("bladder")

@@ -42,7 +42,7 @@ class Camera:
 
 
 def shaded_triangles(
-    meshes: Sequence[TriangleMesh], colours: Sequence[Sequence[float]], camera: Camera
+    meshes: Sequence[TriangleMesh], colours: Sequence[Sequence[float] | np.ndarray], camera: Camera
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light the triangles that face the viewer.
 
@@ -50,8 +50,8 @@ def shaded_triangles(
     ----------
     meshes : sequence of TriangleMesh
         RAS mm. Small triangles look smooth.
-    colours : sequence of (red, green, blue)
-        From 0 to 1, one for each mesh.
+    colours : sequence of (red, green, blue) or of (m, 3) array_like
+        From 0 to 1, one for each mesh or one for each of its triangles.
     camera : Camera
 
     Returns
@@ -67,14 +67,47 @@ def shaded_triangles(
         front = normals @ camera.towards > -0.05
         places = mesh.points[mesh.triangles[front]]
         corners.append(camera.project(places))
-        shades.append(_lit(normals[front], np.asarray(colour, dtype=float), camera))
+        each = np.broadcast_to(np.asarray(colour, dtype=float), (len(mesh.triangles), 3))
+        shades.append(_lit(normals[front], each[front], camera))
         depths.append(places.mean(axis=1) @ camera.towards)
     order = np.argsort(np.concatenate(depths), kind="stable")
     return np.concatenate(corners)[order], np.concatenate(shades)[order]
 
 
+def lit_mesh(points: np.ndarray, triangles: np.ndarray, *, smooth: bool) -> TriangleMesh:
+    """Give triangles normals to be lit by.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    triangles : (m, 3) ndarray of int
+        Counter-clockwise seen from outside.
+    smooth : bool
+        Whether the normals are those of the vertices, or each triangle's own.
+
+    Returns
+    -------
+    TriangleMesh
+        Each triangle with three points of its own, in the order given.
+    """
+    corners = points[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if smooth:
+        flat = triangles.ravel()
+        each = [np.bincount(flat, np.repeat(normals[:, k], 3), len(points)) for k in range(3)]
+        normals = np.stack(each, axis=1)[flat].reshape(-1, 3, 3)
+    else:
+        normals = np.broadcast_to(normals[:, None], corners.shape)
+    normals = normals.reshape(-1, 3)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    places = corners.reshape(-1, 3)
+    return TriangleMesh(places, np.arange(len(places)).reshape(-1, 3), normals, np.zeros((len(places), 2)))
+
+
 def _lit(normals: np.ndarray, colour: np.ndarray, camera: Camera) -> np.ndarray:
-    """Colours (n, 3) of faces by the model of Blinn and Phong, with light that reaches a little round the edge."""
+    """Light faces of given colours (n, 3) by the model of Blinn and Phong; light reaches a little round the edge."""
     light = _LIGHT @ np.stack([camera.right, camera.up, camera.towards]) / np.linalg.norm(_LIGHT)
     half = (light + camera.towards) / np.linalg.norm(light + camera.towards)
     diffuse = np.clip(0.25 + 0.75 * (normals @ light), 0.0, 1.0)[:, None]

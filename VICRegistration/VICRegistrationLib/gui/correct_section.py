@@ -69,8 +69,9 @@ class CorrectSection(VTKObservationMixin):
         self._organ = self._volume = self._binding = None
 
     def stopPlacing(self):
-        """Leave the mode in which clicks place boundary points."""
-        self._ui.boundaryPlaceWidget.setPlaceModeEnabled(False)
+        """Leave the mode in which clicks place boundary points; the mode of somebody else stays."""
+        if self._ui.boundaryPlaceWidget.placeModeEnabled:
+            self._ui.boundaryPlaceWidget.setPlaceModeEnabled(False)
 
     def refresh(self, *, busy):
         """List the points, and enable what can be pressed.

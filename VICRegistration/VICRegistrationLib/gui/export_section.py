@@ -113,7 +113,8 @@ class ExportSection:
         if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
             self._tell(
                 _(
-                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to install it."
+                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
+                    "install it; if that has failed, the log tells why (Help > Report a Bug)."
                 )
             )
             return

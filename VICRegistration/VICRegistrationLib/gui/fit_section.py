@@ -6,7 +6,7 @@ import slicer
 from slicer.i18n import tr as _
 
 from ..mrml.fitting import fitSteps, refitSteps
-from ..mrml.surfaces import moveSurface
+from ..mrml.surfaces import isAlone, moveSurface
 from .runner import End, StepRunner
 
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
@@ -30,6 +30,7 @@ class FitSection:
     def __init__(self, ui, onFit, onFitAll, onChanged):
         self._ui, self._onChanged = ui, onChanged
         self._queue, self._runner, self._organ = [], None, None
+        self._isNew = False
         self._progress = self._plotView = self._shown = None
         ui.fitButton.connect("clicked()", onFit)
         ui.fitAllButton.connect("clicked()", onFitAll)
@@ -108,7 +109,7 @@ class FitSection:
 
     def _next(self):
         self._organ, steps = self._queue.pop(0)
-        self._progress = _Progress()
+        self._progress, self._isNew = _Progress(), self._organ.surface is None
         self._showProgress(0)
         self._ui.fitStatusLabel.text = _("{organ}: separating").format(organ=self._organ.label)
         self._runner = StepRunner(steps, self._stepped, self._ended)
@@ -120,6 +121,9 @@ class FitSection:
             # Its deletion is told by the generator, before its next step.
             return
         moveSurface(organ.surface, step.surface)
+        if self._isNew:
+            self._isNew = False
+            _bringIntoView(organ.surface)
         self._showProgress(self._progress.after(step))
         self._ui.fitStatusLabel.text = _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
             organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
@@ -181,7 +185,15 @@ def _plotViewNode():
         node.SetSingletonTag(_PLOT_NAME)
         node.SetLayoutName(_PLOT_NAME)
         node = slicer.mrmlScene.AddNode(node)
+        node.SetDoPropagatePlotChartSelection(False)
     return node
+
+
+def _bringIntoView(modelNode):
+    """Turn the 3D views to a first surface: they may look at another place of the world."""
+    layoutManager = slicer.app.layoutManager()
+    if layoutManager is not None and isAlone(modelNode):
+        layoutManager.resetThreeDViews()
 
 
 def _plotViewIn(frame):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import logging
+import subprocess
 
 import slicer
 from slicer.i18n import tr as _
@@ -24,12 +26,7 @@ def ensurePackage(name, requirement, purpose):
     Returns
     -------
     bool
-        Whether it is there now. In tests nothing is installed.
-
-    Raises
-    ------
-    subprocess.CalledProcessError
-        If it cannot be installed.
+        Whether it is there now. In tests nothing is installed; why pip has failed is in the log.
     """
     if importlib.util.find_spec(name) is not None:
         return True
@@ -43,6 +40,10 @@ def ensurePackage(name, requirement, purpose):
         from slicer.packaging import pip_install
     except ImportError:
         pip_install = slicer.util.pip_install
-    pip_install(requirement)
+    try:
+        pip_install(requirement)
+    except subprocess.CalledProcessError:
+        logging.exception("The package %s could not be installed", requirement)
+        return False
     importlib.invalidate_caches()
     return importlib.util.find_spec(name) is not None

@@ -9,6 +9,7 @@ from slicer.util import VTKObservationMixin
 from ..mrml.fitting import canBeSeparated, updateVolume
 from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
+from ..mrml.volumes import showInSlices
 from .advanced_section import AdvancedSection
 from .binding import Binding
 from .correct_section import CorrectSection
@@ -38,6 +39,7 @@ class Panel(VTKObservationMixin):
         self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
+        ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
 
     @property
@@ -94,6 +96,11 @@ class Panel(VTKObservationMixin):
         if self._organ is not None:
             self.organs.remove(self._organ)
 
+    def showVolume(self, node):
+        """Show a volume that the user has chosen in the slices, to be clicked into."""
+        if node is not None:
+            showInSlices(node)
+
     def chooseOrgan(self, node):
         """Make an organ the current one."""
         if self.parameters is not None:
@@ -135,6 +142,10 @@ class Panel(VTKObservationMixin):
     def _showOrgan(self):
         """Let every section follow the current organ."""
         organ, volume = self.organs.current(), self.parameters.volume
+        if organ is not self._organ or volume is not self._volume:
+            # Clicks would go on placing points of the organ before.
+            self.separateSection.stopPlacing()
+            self.correctSection.stopPlacing()
         # Nodes that the organ lacks are made before its changes are followed.
         self._followOrgan(None, None)
         self.separateSection.setOrgan(organ, volume)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import qt
 import slicer
 import vtk
@@ -12,7 +14,7 @@ from slicer.util import VTKObservationMixin
 from ..mrml.fitting import canBeSeparated, separateOrgan
 from ..mrml.organ_nodes import seedsOf
 from ..mrml.parameters import RegionSource
-from ..mrml.points import placingEvents
+from ..mrml.points import markedPoints, placingEvents
 from .binding import Binding
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
@@ -32,7 +34,7 @@ class SeparateSection(VTKObservationMixin):
     def __init__(self, ui, onSeparated):
         VTKObservationMixin.__init__(self)
         self._ui, self._onSeparated = ui, onSeparated
-        self._organ = self._volume = self._binding = self._settings = None
+        self._organ = self._volume = self._binding = self._settings = self._range = None
         self._timer = qt.QTimer()
         self._timer.setSingleShot(True)
         self._timer.setInterval(_DELAY_MS)
@@ -69,7 +71,7 @@ class SeparateSection(VTKObservationMixin):
         seeds = seedsOf(organ, volumeNode)
         for event in placingEvents():
             self.addObserver(seeds, event, self._seedsChanged)
-        self.addObserver(volumeNode, slicer.vtkMRMLVolumeNode.ImageDataModifiedEvent, self._seedsChanged)
+        self.addObserver(volumeNode, slicer.vtkMRMLVolumeNode.ImageDataModifiedEvent, self._voxelsChanged)
         self._ui.seedPlaceWidget.setCurrentNode(seeds)
         self._ui.regionStatusLabel.text = "" if canBeSeparated(organ) else _("Click inside the organ to place a seed.")
         self.refresh()
@@ -80,15 +82,16 @@ class SeparateSection(VTKObservationMixin):
         self.removeObservers()
         if self._binding is not None:
             self._binding.release()
-        self._organ = self._volume = self._binding = self._settings = None
+        self._organ = self._volume = self._binding = self._settings = self._range = None
 
     def placeSeed(self):
         """Let the next click into a slice place a seed."""
         self._ui.seedPlaceWidget.setPlaceModeEnabled(True)
 
     def stopPlacing(self):
-        """Leave the mode in which clicks place seeds."""
-        self._ui.seedPlaceWidget.setPlaceModeEnabled(False)
+        """Leave the mode in which clicks place seeds; the mode of somebody else stays."""
+        if self._ui.seedPlaceWidget.placeModeEnabled:
+            self._ui.seedPlaceWidget.setPlaceModeEnabled(False)
 
     def refresh(self):
         """Show the organ's settings, and separate again if they have changed."""
@@ -159,6 +162,7 @@ class SeparateSection(VTKObservationMixin):
         threshold = (organ.threshold.minimum, organ.threshold.maximum)
         return (
             organ.source,
+            markedPoints(organ.seeds, self._volume).tobytes(),
             None if organ.thresholdAutomatic else threshold,
             None if organ.erosionAutomatic else organ.erosionMm,
             None if organ.dilationAutomatic else organ.dilationMm,
@@ -167,6 +171,10 @@ class SeparateSection(VTKObservationMixin):
         )
 
     def _seedsChanged(self, caller=None, event=None):
+        # Also told when the pointer carries a point in and out of a view: nothing has been placed then.
+        self.refresh()
+
+    def _voxelsChanged(self, caller=None, event=None):
         self.schedule()
 
     def _thresholdMoved(self, low, high):
@@ -188,10 +196,13 @@ class SeparateSection(VTKObservationMixin):
         low, high = min(low, threshold.minimum), max(high, threshold.maximum)
         blocked = widget.blockSignals(True)
         try:
-            if (widget.minimum, widget.maximum) != (low, high):
-                whole = _holdsWholeNumbers(self._volume)
-                widget.decimals = 0 if whole else 3
-                widget.singleStep = 1.0 if whole else max((high - low) / 500.0, 1e-3)
+            if self._range != (low, high):
+                self._range = (low, high)
+                # A thousand steps or more from end to end.
+                widget.decimals = (
+                    0 if _holdsWholeNumbers(self._volume) else max(0, 3 - math.floor(math.log10(high - low)))
+                )
+                widget.singleStep = max(10.0**-widget.decimals, (high - low) / 1000.0)
                 widget.setRange(low, high)
             widget.setValues(threshold.minimum, threshold.maximum)
         finally:
@@ -212,9 +223,13 @@ class SeparateSection(VTKObservationMixin):
         organ, selector = self._organ, self._ui.segmentSelector
         if organ is None:
             return
+        node, segmentId = selector.currentNode(), selector.currentSegmentID() or ""
+        if node is not None and node is organ.inputSegmentation and organ.inputSegmentId:
+            # Where the chosen segment was removed the selector takes another one, which nobody has chosen.
+            kept = node.GetSegmentation().GetSegment(organ.inputSegmentId) is not None
+            segmentId = segmentId if kept else ""
         with slicer.util.NodeModify(organ.parameterNode):
-            organ.inputSegmentation = selector.currentNode()
-            organ.inputSegmentId = selector.currentSegmentID() or ""
+            organ.inputSegmentation, organ.inputSegmentId = node, segmentId
 
     def _showVisibility(self):
         check = self._ui.previewCheck

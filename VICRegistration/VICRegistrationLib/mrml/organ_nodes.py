@@ -61,8 +61,10 @@ def setVisible(organ, visible):
     for node in (organ.surface, organ.seeds, organ.boundaryPoints):
         if node is not None and node.GetDisplayNode() is not None:
             node.GetDisplayNode().SetVisibility(visible)
-    if organ.regions is not None and organ.regions.GetDisplayNode() is not None and organ.regionSegmentId:
-        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, visible)
+    if hasSegment(organ) and organ.regions.GetDisplayNode() is not None:
+        # Beside a surface the region is in the way; it is shown where it is asked for.
+        shown = visible and organ.surface is None
+        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, shown)
 
 
 def volumeOf(organ):

@@ -120,13 +120,13 @@ class Organs:
         Yields
         ------
         OrganParameters
-            Removed again, with all that was made for it, if a ValueError leaves the context.
+            Removed again, with all that was made for it, if an exception leaves the context.
         """
         volume, current = self.parameters.volume, self.parameters.current
         organ = self.add(name)
         try:
             yield organ
-        except ValueError:
+        except BaseException:
             self.remove(organ)
             self.parameters.volume, self.parameters.current = volume, current
             raise

@@ -120,6 +120,7 @@ _LABELS = {
 
 _WORDS = {
     "erosionMm": lambda: _("the erosion in mm"),
+    "dilationMm": lambda: _("the dilation in mm"),
     "netRows": lambda: _("the rows of the control net"),
     "netColumns": lambda: _("the columns of the control net"),
     "tauMm": lambda: _("the width of the edge (tau) in mm"),
@@ -248,22 +249,25 @@ class OrganParameters:
         for name, value in given.items():
             setattr(self, name, value)
 
-    def setErosion(self, erosion):
-        """Give the erosion, or leave it to the separation.
+    def setRadii(self, erosion, dilation):
+        """Give erosion and dilation, or leave them to the separation.
 
         Parameters
         ----------
-        erosion : float or None
+        erosion, dilation : float or None
             mm.
 
         Raises
         ------
         ValueError
-            If it is out of the range that the module offers.
+            If one is out of the range that the module offers; nothing is changed then.
         """
-        if erosion is not None:
-            self.erosionMm = _checked("erosionMm", erosion)
-        self.erosionAutomatic = erosion is None
+        given = {"erosion": erosion, "dilation": dilation}
+        checked = {name: _checked(f"{name}Mm", value) for name, value in given.items() if value is not None}
+        for name in given:
+            setattr(self, f"{name}Automatic", name not in checked)
+        for name, value in checked.items():
+            setattr(self, f"{name}Mm", value)
 
     def ownedNodes(self):
         """Nodes that go with the organ; the segmentation is shared by all organs.

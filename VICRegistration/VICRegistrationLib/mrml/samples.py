@@ -6,6 +6,8 @@ import functools
 
 import slicer
 
+from .volumes import showInSlices
+
 NAME = "VIC pelvis phantom"
 
 
@@ -33,5 +35,5 @@ def addPhantomVolume():
     node = slicer.util.addVolumeFromArray(
         image.array, ijkToRAS=image.ijk_to_ras, name=slicer.mrmlScene.GenerateUniqueName(NAME)
     )
-    slicer.util.setSliceViewerLayers(background=node, fit=slicer.app.layoutManager() is not None)
+    showInSlices(node)
     return node

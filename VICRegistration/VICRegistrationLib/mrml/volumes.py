@@ -65,6 +65,17 @@ def imageFromVolume(volumeNode):
         raise ValueError(msg) from error
 
 
+def showInSlices(volumeNode):
+    """Show a volume in all slice views.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
+    # Without a main window there are no views to be fitted.
+    slicer.util.setSliceViewerLayers(background=volumeNode, fit=slicer.app.layoutManager() is not None)
+
+
 def localPoints(volumeNode, worldPoints):
     """Bring points from the world into a volume's local frame.
 

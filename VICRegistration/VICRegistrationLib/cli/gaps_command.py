@@ -1,0 +1,68 @@
+"""``vic-registration gaps``: how organs lie to each other."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ..analysis.gaps import Gap, gaps
+from ..files import replacing
+from .solids import read_solids
+
+SCHEMA, VERSION = "vic-registration/gaps", 1
+
+_EPILOG = """\
+SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. Every pair of organs gets a line: how far they are
+apart, or how much they overlap, with the place (RAS mm). Distances are those of the exact surfaces.
+
+examples:
+  vic-registration gaps bladder.json vagina.json rectum.json
+  vic-registration gaps organs/*.vtp --output gaps.json
+"""
+
+
+def add_parser(subparsers, add_command: Callable) -> None:
+    """Add the words of the command.
+
+    Parameters
+    ----------
+    subparsers
+        Of argparse.
+    add_command : callable
+        Makes a parser from subparsers, name, summary and function.
+    """
+    parser = add_command(subparsers, "gaps", "measure gaps and overlaps between organs", run, epilog=_EPILOG)
+    parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
+    parser.add_argument("--output", metavar="FILE", type=Path, help="JSON file for the numbers")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print gap or overlap of every pair, and write them if a file was named.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+
+    Raises
+    ------
+    ValueError, OSError
+        With a sentence for the user.
+    """
+    solids = read_solids(options.surfaces)
+    if len(solids) < 2:
+        msg = f"One surface was given, {solids[0].name}; gaps are between two organs or more. Give more surfaces."
+        raise ValueError(msg)
+    found = gaps({solid.name: solid.surface for solid in solids})
+    if options.output is not None:
+        content = {"schema": SCHEMA, "version": VERSION, "frame": "RAS", "unit": "mm", "gaps": _entries(found)}
+        with replacing(options.output) as draft:
+            draft.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    for gap in found:
+        print(gap)
+
+
+def _entries(found: Sequence[Gap]) -> list[dict]:
+    return [{**dataclasses.asdict(gap), "distance": gap.distance} for gap in found]

@@ -1,0 +1,1 @@
+"""Finite element analysis of tetrahedral meshes: linear elasticity, with scikit-fem."""
