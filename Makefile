@@ -16,11 +16,11 @@ INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check
 
 .PHONY: demo test lint benchmark reproduce screenshots clean
 
-demo: $(VENV)/pictures.stamp
+demo: $(VENV)/demo.stamp
 	$(BIN)/python -m VICRegistrationLib.demo build/demo
 
 test: $(VENV)/test.stamp
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --dist loadfile
 
 lint: $(VENV)/lint.stamp
 	$(BIN)/ruff check .
@@ -45,6 +45,10 @@ $(BIN)/python:
 # The interpreter is an order-only prerequisite: it is a link whose date is that of the system's Python.
 $(VENV)/pictures.stamp: pyproject.toml | $(BIN)/python
 	$(INSTALL) --editable '.[pictures]'
+	touch $@
+
+$(VENV)/demo.stamp: pyproject.toml | $(BIN)/python
+	$(INSTALL) --editable '.[pictures,mesh]'
 	touch $@
 
 $(VENV)/test.stamp: pyproject.toml | $(BIN)/python

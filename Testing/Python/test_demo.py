@@ -45,12 +45,30 @@ def test_the_demonstration_ends_with_a_picture_to_open(tmp_path, monkeypatch, ca
         )
 
     monkeypatch.setattr(demo, "pelvis_phantom", bladder_only)
+    monkeypatch.setattr(demo, "MESH_SIZE_MM", 6.0)
     assert demo.main([str(tmp_path / "demo")]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     picture = tmp_path / "demo" / "organs" / "bladder.png"
     assert last == f"Open this picture: {picture}"
     assert picture.exists()
     assert (tmp_path / "demo" / "phantom" / "truth" / "bladder.json").exists()
+    assert (tmp_path / "demo" / "organs" / "bladder.step").read_text(encoding="ascii").startswith("ISO-10303-21;")
+
+
+def test_the_mesh_of_the_demonstration_is_written_and_drawn(organs, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("gmsh", reason="gmsh is not installed")
+    monkeypatch.setattr(demo, "MESH_SIZE_MM", 6.0)
+    demo._write_mesh(organs, tmp_path / "mesh")
+    written = sorted(path.name for path in (tmp_path / "mesh").iterdir())
+    assert written == ["organs.msh", "organs.png", "organs.quality.json", "organs.vtu"]
+    assert "0 inverted" in capsys.readouterr().out
+
+
+def test_without_gmsh_the_demonstration_says_how_to_get_it(organs, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(demo.importlib.util, "find_spec", lambda name: None)
+    demo._write_mesh(organs, tmp_path / "mesh")
+    assert not (tmp_path / "mesh").exists()
+    assert "pip install 'vicregistration[mesh]'" in capsys.readouterr().out
 
 
 def test_a_folder_that_cannot_be_made_ends_with_one_line(tmp_path, capsys, monkeypatch):

@@ -129,7 +129,7 @@ def test_the_licence_is_apache_2():
         ("registration", {"registration", "geometry", "imaging"}),
         ("analysis", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
         ("export", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
-        ("meshing", {"meshing", "export", "geometry"}),
+        ("meshing", {"meshing", "analysis", "export", "geometry"}),
         ("simulation", {"simulation", "meshing", "export", "analysis", "geometry"}),
         ("mrml", PACKAGES - {"gui"}),
     ],

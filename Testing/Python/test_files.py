@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from VICRegistrationLib.files import replacing, replacing_folder
+from VICRegistrationLib.files import keep_inputs, replacing, replacing_folder
 
 
 def names(folder):
@@ -119,3 +119,11 @@ def test_the_complaint_about_a_draft_names_the_file_asked_for(tmp_path):
         write()
     assert str(tmp_path / "out" / "a") in str(caught.value)
     assert ".vic-" not in str(caught.value)
+
+
+def test_a_result_may_not_replace_what_is_read(tmp_path):
+    (tmp_path / "input").write_text("")
+    (tmp_path / "link").symlink_to("input")
+    keep_inputs([tmp_path / "result"], [tmp_path / "input"])
+    with pytest.raises(ValueError, match="link would replace .*input, which is read; choose another"):
+        keep_inputs([tmp_path / "link"], [tmp_path / "input"])

@@ -48,3 +48,10 @@ def test_the_numbers_are_written(balls, tmp_path, capsys):
 def test_one_surface_has_no_gap(balls, capsys):
     assert cli.main(["gaps", str(balls["a"])]) == 2
     assert capsys.readouterr().err.startswith("vic-registration: error: One surface was given, a; gaps are between")
+
+
+def test_a_surface_is_not_replaced_by_the_numbers(balls, capsys):
+    before = balls["a"].read_bytes()
+    assert cli.main(["gaps", *map(str, balls.values()), "--output", str(balls["a"])]) == 2
+    assert "would replace" in capsys.readouterr().err
+    assert balls["a"].read_bytes() == before

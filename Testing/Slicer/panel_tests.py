@@ -336,6 +336,7 @@ class ExportTest(PanelTestCase):
         low, high = np.reshape(mesh.GetMesh().GetBounds(), (3, 2)).T
         np.testing.assert_allclose([low, high], np.reshape(organ.surface.GetPolyData().GetBounds(), (3, 2)).T, atol=0.5)
         self.assertIn("tetrahedra", self.ui.exportStatusLabel.text)
+        self.assertIn('"inverted": 0', mesh.GetAttribute("VIC.quality"))
 
     def test_withoutAFolderNothingIsWritten(self):
         self.fitted("rectum")

@@ -1,12 +1,14 @@
 """The demonstration: ``python -m VICRegistrationLib.demo DIR`` fits three organs in a synthetic pelvic MRI.
 
-It paints an MRI whose organs are known exactly, fits them from seeds as ``vic-registration fit`` does, and tells how
-far the fitted surfaces are from the true ones.
+It paints an MRI whose organs are known exactly, fits them from seeds as ``vic-registration fit`` does, tells how far
+the fitted surfaces are from the true ones, and writes them as exact STEP solids and as one mesh of tetrahedra.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +21,7 @@ from .files import replacing_folder
 from .geometry.surface import BSplineSurface
 from .phantoms.pelvis import pelvis_phantom, write_phantom
 
+MESH_SIZE_MM = 3.0
 _COLUMNS = ("organ", "mean", "signed", "95 %", "largest", "volume", "truth", "time")
 _UNITS = ("", "mm", "mm", "mm", "mm", "ml", "ml", "s")
 
@@ -29,12 +32,12 @@ def run_demo(directory: Path) -> Path:
     Parameters
     ----------
     directory : Path
-        Gets the folders ``phantom`` and ``organs``.
+        Gets the folders ``phantom``, ``organs`` (with the exact solids as STEP files) and ``mesh``.
 
     Returns
     -------
     Path
-        The picture to look at.
+        The picture to look at first.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def run_demo(directory: Path) -> Path:
     RuntimeError
         If matplotlib is not installed.
     """
-    print("Painting a sagittal T2-weighted MRI of a pelvis ...", flush=True)
+    _say("Painting a sagittal T2-weighted MRI of a pelvis ...")
     phantom = pelvis_phantom()
     with replacing_folder(directory / "phantom") as drafts:
         write_phantom(phantom, drafts)
@@ -51,12 +54,44 @@ def run_demo(directory: Path) -> Path:
         directory / "phantom" / "mri.nii.gz",
         read_requests(directory / "phantom" / "organs.json"),
         directory / "organs",
+        step=True,
         truths=phantom.surfaces,
-        say=lambda line: print(line, flush=True),
+        say=_say,
     )
+    _write_mesh(organs, directory / "mesh")
     print("\nDeviation of the fitted surfaces from the true ones (signed: positive is outside of the truth):\n")
     print(deviation_table(organs, phantom.surfaces))
     return directory / "organs" / (OVERVIEW if len(organs) > 1 else f"{organs[0].name}.png")
+
+
+def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
+    """Mesh the fitted organs together, and draw the mesh."""
+    if importlib.util.find_spec("gmsh") is None:
+        _say("No mesh: it needs gmsh; run pip install 'vicregistration[mesh]'.")
+        return
+    from .cli.solids import colored_solids
+    from .meshing.formats import write_tetrahedra
+    from .meshing.options import MeshOptions
+    from .meshing.picture import mesh_picture
+    from .meshing.quality import quality
+    from .meshing.tetrahedra import mesh_organs
+
+    _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
+    solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
+    mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
+    with replacing_folder(directory) as drafts:
+        for suffix in (".vtu", ".msh"):
+            write_tetrahedra(mesh, drafts / f"organs{suffix}")
+        report = json.dumps(quality(mesh).as_json(), indent=2, allow_nan=False)
+        (drafts / "organs.quality.json").write_text(report + "\n", encoding="utf-8")
+        mesh_picture(drafts / "organs.png", mesh, f"Mesh of {MESH_SIZE_MM:g} mm")
+    for line in quality(mesh).lines():
+        _say(line)
+    _say(f"written to {directory}: organs.vtu, organs.msh, organs.quality.json, organs.png")
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
 
 
 def deviation_table(organs: Sequence[FittedOrgan], truths: Mapping[str, BSplineSurface]) -> str:

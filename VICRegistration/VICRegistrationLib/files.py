@@ -5,11 +5,34 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 # Hidden, so that nobody takes what a killed process left behind for a result.
 _PREFIX = ".vic-"
+
+
+def keep_inputs(targets: Iterable[str | os.PathLike], inputs: Iterable[str | os.PathLike]) -> None:
+    """Refuse results that would replace what is read.
+
+    Parameters
+    ----------
+    targets : iterable of path
+        Files to be written.
+    inputs : iterable of path
+        Files that are read.
+
+    Raises
+    ------
+    ValueError
+        If two of them are one file, by whatever name.
+    """
+    inputs = list(inputs)
+    for target in targets:
+        for path in inputs:
+            if os.path.exists(target) and os.path.exists(path) and os.path.samefile(target, path):
+                msg = f"The result {target} would replace {path}, which is read; choose another output folder or name."
+                raise ValueError(msg)
 
 
 @contextlib.contextmanager

@@ -31,7 +31,8 @@ class QProcess(Recorded):
 
     def __init__(self, *arguments):
         super().__init__(*arguments)
-        self._process, self._reader, self._buffer, self._lock = None, None, b"", threading.Lock()
+        self._process, self._readers, self._lock = None, [], threading.Lock()
+        self._buffers = {"StandardOutput": b"", "StandardError": b""}
         self._merged = False
 
     def setProcessChannelMode(self, mode):
@@ -43,19 +44,23 @@ class QProcess(Recorded):
                 [program, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT if self._merged else subprocess.DEVNULL,
+                stderr=subprocess.STDOUT if self._merged else subprocess.PIPE,
             )
         except OSError:
             self._emit("errorOccurred", self.FailedToStart)
             return
-        self._reader = threading.Thread(target=self._collect, daemon=True)
-        self._reader.start()
+        streams = {"StandardOutput": self._process.stdout, "StandardError": self._process.stderr}
+        for channel, stream in streams.items():
+            if stream is not None:
+                self._readers.append(threading.Thread(target=self._collect, args=(channel, stream), daemon=True))
+                self._readers[-1].start()
         LOOP.post(_LOOK_MS, self._look)
 
     def readAllStandardOutput(self):
-        with self._lock:
-            read, self._buffer = self._buffer, b""
-        return Bytes(read)
+        return self._taken("StandardOutput")
+
+    def readAllStandardError(self):
+        return self._taken("StandardError")
 
     def state(self):
         return self.Running if self._process is not None and self._process.poll() is None else self.NotRunning
@@ -68,18 +73,24 @@ class QProcess(Recorded):
         if self.state() == self.Running:
             self._process.kill()
 
-    def _collect(self):
-        with self._process.stdout as output:
-            for line in output:
+    def _taken(self, channel):
+        with self._lock:
+            read, self._buffers[channel] = self._buffers[channel], b""
+        return Bytes(read)
+
+    def _collect(self, channel, stream):
+        with stream:
+            for line in stream:
                 with self._lock:
-                    self._buffer += line
+                    self._buffers[channel] += line
 
     def _look(self):
         # Virtual time passes at once: the look waits a little, or it would turn idly.
-        self._reader.join(timeout=_LOOK_MS / 1000)
-        ended = not self._reader.is_alive()
-        if self._buffer:
-            self._emit("readyReadStandardOutput")
+        self._readers[0].join(timeout=_LOOK_MS / 1000)
+        ended = not any(reader.is_alive() for reader in self._readers)
+        for channel, content in self._buffers.items():
+            if content:
+                self._emit(f"readyRead{channel}")
         if not ended:
             LOOP.post(_LOOK_MS, self._look)
             return

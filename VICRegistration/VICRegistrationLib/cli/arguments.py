@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from .. import __version__
 from ..geometry.parametrization import CLOSURES
 from ..registration.solvers import SOLVERS
-from . import commands, export_command, mesh_command, simulate_command, values
+from . import commands, export_command, gaps_command, mesh_command, simulate_command, values
 
 PROGRAM = "vic-registration"
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
@@ -129,6 +129,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         help="folder for a table and plots beside the paper's values",
     )
     export_command.add_parser(subparsers, _add_command)
+    gaps_command.add_parser(subparsers, _add_command)
     mesh_command.add_parser(subparsers, _add_command)
     simulate_command.add_parser(subparsers, _add_command)
     return parser.parse_args(_joined(arguments))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
 from ..export.step import Solid, write_step
-from ..files import replacing_folder
+from ..files import keep_inputs, replacing_folder
 from . import values
 from .solids import read_solids
 
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> None:
                 msg = f"Two results would be {path}; give them different names."
                 raise ValueError(msg)
             jobs[path] = _writer(kind, part, options)
-    _check_inputs(jobs, options.surfaces)
+    keep_inputs(jobs, options.surfaces)
     _write(jobs)
     print(f"written: {', '.join(map(str, jobs))}", file=sys.stderr)
 
@@ -129,15 +129,6 @@ def _file_name(name: str) -> str:
     except ValueError as error:
         msg = f"A surface cannot give a file its name: {error}."
         raise ValueError(msg) from error
-
-
-def _check_inputs(targets: Sequence[Path], inputs: Sequence[str]) -> None:
-    """Refuse to replace what is read."""
-    for target in targets:
-        for path in inputs:
-            if target.exists() and os.path.samefile(target, path):
-                msg = f"The result {target} would replace {path}, which is read; choose another name."
-                raise ValueError(msg)
 
 
 def _write(jobs: dict[Path, Callable[[Path], None]]) -> None:

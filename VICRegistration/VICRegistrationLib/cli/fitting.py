@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..analysis.canvas import require_matplotlib
 from ..analysis.pictures import organ_picture, overview_picture
-from ..files import replacing_folder
+from ..files import keep_inputs, replacing_folder
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.reading import read_image
@@ -119,11 +119,7 @@ def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pic
     names = [name for request in requests for name in organ_files(request.name, pictures=pictures, solid=step)]
     if len(requests) > 1:
         names += [*([OVERVIEW] if pictures else []), *([ASSEMBLY] if step else [])]
-    for target in (folder / name for name in [*names, REPORT]):
-        for path in inputs:
-            if target.exists() and os.path.exists(path) and os.path.samefile(target, path):
-                msg = f"The result {target} would replace {path}, which is read; choose another output folder or name."
-                raise ValueError(msg)
+    keep_inputs((folder / name for name in [*names, REPORT]), inputs)
 
 
 def _outdated(requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> list[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..analysis.gaps import Gap, gaps
-from ..files import replacing
+from ..files import keep_inputs, replacing
 from .solids import read_solids
 
 SCHEMA, VERSION = "vic-registration/gaps", 1
@@ -51,6 +51,11 @@ def run(options: argparse.Namespace) -> None:
     ValueError, OSError
         With a sentence for the user.
     """
+    if options.output is not None:
+        if options.output.suffix.lower() != ".json":
+            msg = f"--output {options.output} was given; the numbers are JSON, in a file whose name ends in .json."
+            raise ValueError(msg)
+        keep_inputs([options.output], options.surfaces)
     solids = read_solids(options.surfaces)
     if len(solids) < 2:
         msg = f"One surface was given, {solids[0].name}; gaps are between two organs or more. Give more surfaces."

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from ..files import replacing_folder
+from ..files import keep_inputs, replacing_folder
 from . import values
 
 _CASES = ("self-weight", "pressure")
@@ -99,10 +99,13 @@ def run(options: argparse.Namespace) -> None:
         if not options.quiet:
             print(line, file=sys.stderr, flush=True)
 
+    endings = (".vtu", ".png", ".json")
+    keep_inputs([Path(options.output, _NAME + ending) for ending in endings], [options.mesh])
     mesh = read_mesh(options.mesh)
-    solution = solve(mesh, problem, material, on_progress=say)
     outdated = (f"{_NAME}.png",) if options.no_pictures else ()
     with replacing_folder(options.output, outdated=outdated) as drafts:
+        # A folder that cannot be written to is found out before the work.
+        solution = solve(mesh, problem, material, on_progress=say)
         files = [f"{_NAME}.vtu"]
         write_vtu(solution, drafts / files[0])
         if not options.no_pictures:

@@ -22,16 +22,18 @@ class Command:
     arguments : list of str
         Words of the command.
     onLine : callable
-        Called with every line that it prints.
+        Called with every line of progress.
     onEnd : callable
-        Called once with its exit code: 0, or another one if it failed, crashed or was cancelled.
+        Called once with its exit code, which is 0, or another one if it failed, crashed or was cancelled; and with what
+        it printed as its result.
     """
 
     def __init__(self, arguments, onLine, onEnd):
         self._onLine, self._onEnd, self._rest = onLine, onEnd, ""
         self._process = qt.QProcess()
-        self._process.setProcessChannelMode(qt.QProcess.MergedChannels)
-        self._process.connect("readyReadStandardOutput()", self._read)
+        # Progress comes by the one channel, the result by the other.
+        self._process.setProcessChannelMode(qt.QProcess.SeparateChannels)
+        self._process.connect("readyReadStandardError()", self._read)
         self._process.connect("finished(int,QProcess::ExitStatus)", self._finished)
         self._process.connect("errorOccurred(QProcess::ProcessError)", self._failed)
         python = shutil.which("PythonSlicer") or sys.executable
@@ -47,7 +49,7 @@ class Command:
             self._process.kill()
 
     def _read(self):
-        self._rest += self._process.readAllStandardOutput().data().decode("utf-8", "replace")
+        self._rest += _text(self._process.readAllStandardError())
         *lines, self._rest = self._rest.split("\n")
         for line in lines:
             if line.strip():
@@ -55,9 +57,14 @@ class Command:
 
     def _finished(self, code, status):
         self._read()
-        self._onEnd(code if status == qt.QProcess.NormalExit else -1)
+        output = _text(self._process.readAllStandardOutput())
+        self._onEnd(code if status == qt.QProcess.NormalExit else -1, output.strip())
 
     def _failed(self, error):
         # A process that has crashed finishes as well.
         if error == qt.QProcess.FailedToStart:
-            self._onEnd(-1)
+            self._onEnd(-1, "")
+
+
+def _text(content):
+    return content.data().decode("utf-8", "replace")

@@ -140,15 +140,14 @@ class ExportSection:
         self._lines.append(line)
         self._tell(line)
 
-    def _meshed(self, code):
+    def _meshed(self, code, report):
         self._command = None
         self._tidyUp()
         if code != 0:
             said = self._lines[-1].partition("error: ")[2] or self._lines[-1] if self._lines else ""
             self._tell(said or _("The mesher ended without a mesh; nothing was written. Try another size."))
         else:
-            # The command prints its quality report after the line that names the file.
-            self._tell("\n".join([_("Written: {files}").format(files=self._path), *self._lines]))
+            self._tell("\n".join([_("Written: {files}").format(files=self._path), report]))
             if self._path.suffix == _VTU:
                 self._load()
         self._formatChosen()

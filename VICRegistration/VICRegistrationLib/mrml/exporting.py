@@ -13,6 +13,7 @@ from .surfaces import surfaceFromModel
 
 STEP, TRIANGLES = (".step",), (".stl", ".ply", ".vtp")
 MESHES = (".vtu", ".msh", ".inp", ".med", ".bdf")
+QUALITY_ATTRIBUTE = "VIC.quality"
 _ASSEMBLY = "organs"
 
 
@@ -149,7 +150,7 @@ def loadMesh(path):
     Returns
     -------
     vtkMRMLModelNode
-        Drawn with its edges.
+        Drawn with its edges. The quality report beside the file, if there is one, becomes its attribute `VIC.quality`.
 
     Raises
     ------
@@ -167,6 +168,9 @@ def loadMesh(path):
         raise ValueError(_("The mesh {path} cannot be loaded; look whether it is there.").format(path=path))
     node.CreateDefaultDisplayNodes()
     node.GetDisplayNode().SetEdgeVisibility(True)
+    report = path.with_name(f"{path.name}.quality.json")
+    if report.is_file():
+        node.SetAttribute(QUALITY_ATTRIBUTE, report.read_text(encoding="utf-8"))
     return node
 
 

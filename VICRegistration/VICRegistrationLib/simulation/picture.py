@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from ..analysis.canvas import blank_figure, save_figure
-from ..analysis.shading import Camera, lit_mesh
+from ..analysis.shading import Camera, lit_mesh, shaded_triangles
 from ..meshing.groups import faces_of, flat_triangles
 from .problems import SelfWeight
 from .solution import Solution

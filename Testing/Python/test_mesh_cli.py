@@ -1,0 +1,120 @@
+"""``vic-registration mesh`` and its files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from needs_gmsh import gmsh_or_skip
+
+from VICRegistrationLib import cli
+from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.surface_file import write_surface
+from VICRegistrationLib.meshing.elements import volumes
+from VICRegistrationLib.simulation.reading import read_mesh
+
+BALL = closed_organ(axes=15.0 * np.eye(3), center=(3.0, 40.0, -20.0))
+
+
+@pytest.fixture
+def organ(tmp_path):
+    write_surface(BALL, tmp_path / "bladder.json", name="bladder")
+    return tmp_path / "bladder.json"
+
+
+def mesh(*words):
+    gmsh_or_skip()
+    return cli.main(["mesh", *map(str, words)])
+
+
+def test_the_mesh_and_its_quality_are_written_and_printed(organ, tmp_path, capsys):
+    target = tmp_path / "out" / "bladder.msh"
+    assert mesh(organ, "--size", 6, "--order", 2, "--wall", 3, "--output", target) == 0
+    captured = capsys.readouterr()
+    assert "second-order tetrahedra" in captured.out
+    assert "0 inverted" in captured.out
+    assert "bladder_inside" in captured.out
+    assert "meshing" in captured.err.splitlines()
+    assert sorted(path.name for path in target.parent.iterdir()) == ["bladder.msh", "bladder.msh.quality.json"]
+    report = json.loads((tmp_path / "out" / "bladder.msh.quality.json").read_text())
+    assert (report["schema"], report["version"]) == ("vic-registration/mesh-quality", 1)
+    assert (report["size"], report["order"], report["tool"], report["wall"]) == (6.0, 2, "gmsh", 3.0)
+    assert report["inverted"] == 0
+    assert report["groups"]["bladder_wall"]["volume_ratio"] == pytest.approx(1.0, abs=1e-3)
+    found = read_mesh(target)
+    assert len(found.tetrahedra) == report["tetrahedra"]
+    assert volumes(found.points, found.tetrahedra).sum() == pytest.approx(report["volume"])
+    # The mesh lies where the organ lies: in memory RAS again.
+    np.testing.assert_allclose(found.points.mean(axis=0), [3.0, 40.0, -20.0], atol=1.0)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".inp", ".bdf", ".med"])
+def test_the_ending_chooses_the_format(organ, tmp_path, suffix, capsys):
+    assert mesh(organ, "--size", 8, "--output", tmp_path / f"m{suffix}", "--quiet") == 0
+    assert (tmp_path / f"m{suffix}").stat().st_size > 10_000
+    assert capsys.readouterr().err == ""
+
+
+def test_several_organs_are_one_mesh(organ, tmp_path, capsys):
+    write_surface(BALL.transformed(np.eye(4) + np.eye(4, k=3) * 28.0), tmp_path / "rectum.json", name="rectum")
+    assert mesh(organ, tmp_path / "rectum.json", "--size", 8, "--output", tmp_path / "both.vtu") == 0
+    assert "note: rectum and bladder overlap by" in capsys.readouterr().out
+    assert "bladder_rectum_interface" in read_mesh(tmp_path / "both.vtu").triangle_groups
+
+
+def test_triangles_are_written_on_demand(organ, tmp_path, capsys):
+    assert mesh(organ, "--surface", "--size", 4, "--output", tmp_path / "fine.vtp") == 0
+    assert "angles: " in capsys.readouterr().out
+    np.testing.assert_array_equal(read_vtp_surface(tmp_path / "fine.vtp").control_net, BALL.control_net)
+    report = json.loads((tmp_path / "fine.vtp.quality.json").read_text())
+    assert report["angle_min"] > 25.0
+    for suffix in (".stl", ".ply"):
+        assert mesh(organ, "--surface", "--size", 6, "--output", tmp_path / f"fine{suffix}") == 0
+        assert (tmp_path / f"fine{suffix}").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--output", "m.xyz"), "m.xyz was asked for; give a file name that ends in .msh"),
+        (("--output", "m.msh", "--surface"), "triangles need a name that ends in .stl"),
+        (("--output", "m.stl", "--surface", "--wall", "2"), "--wall was given, which is for tetrahedra"),
+        (("--output", "m.stl", "--surface", "--volume-error", "0.1"), "--volume-error was given"),
+        (("--output", "m.msh", "--size", "-3"), "size of the elements of -3 mm"),
+        (("--output", "m.msh", "--wall", "0"), "thickness of the wall of 0 mm"),
+        (("--output", "m.msh", "--time-limit", "nan"), "time limit of nan s"),
+        (("--output", ""), "name of the folder is empty"),
+    ],
+)
+def test_wrong_words_are_refused_before_anything_is_done(words, told, organ, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["mesh", "bladder.json", *words]) == 2
+    captured = capsys.readouterr()
+    assert told in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["bladder.json"]
+
+
+def test_words_that_are_no_numbers_are_usage_errors(organ, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["mesh", str(organ), "--size", "thin", "--output", "m.msh"])
+    assert end.value.code == 2
+    assert "'thin' was given; a number is needed" in capsys.readouterr().err
+
+
+def test_a_mesh_never_replaces_the_surface_it_is_made_of(tmp_path, capsys, monkeypatch):
+    write_surface(BALL, tmp_path / "m.msh.quality.json", name="bladder")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["mesh", "m.msh.quality.json", "--output", "m.msh"]) == 2
+    assert "would replace" in capsys.readouterr().err
+
+
+def test_help_tells_formats_and_groups(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["mesh", "--help"])
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    for word in (".msh", ".vtu", ".inp", ".bdf", ".med", "NAME_inside", "--wall", "--order", "--tool", "--time-limit"):
+        assert word in shown

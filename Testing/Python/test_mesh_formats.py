@@ -1,0 +1,172 @@
+"""Tetrahedral meshes in files, read back by other programs where they are installed."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from needs_gmsh import gmsh_or_skip
+from small_tetrahedra import cube
+
+from VICRegistrationLib.meshing.elements import FACES, volumes
+from VICRegistrationLib.meshing.formats import WRITERS, write_tetrahedra
+from VICRegistrationLib.meshing.text_tables import ascii_names
+from VICRegistrationLib.simulation.reading import read_mesh
+
+LPS = np.array([-1.0, -1.0, 1.0])
+
+
+@pytest.fixture(params=[1, 2], ids=["linear", "second order"])
+def mesh(request):
+    return cube(order=request.param)
+
+
+def same_groups(found, wanted):
+    assert list(found) == list(wanted)
+    for name, rows in wanted.items():
+        np.testing.assert_array_equal(found[name], rows)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtu"])
+def test_own_reader_gets_everything_back(mesh, suffix, tmp_path):
+    write_tetrahedra(mesh, tmp_path / f"m{suffix}")
+    found = read_mesh(tmp_path / f"m{suffix}")
+    np.testing.assert_array_equal(found.points, mesh.points)
+    np.testing.assert_array_equal(found.tetrahedra, mesh.tetrahedra)
+    np.testing.assert_array_equal(found.triangles, mesh.triangles)
+    same_groups(found.tetrahedron_groups, mesh.tetrahedron_groups)
+    same_groups(found.triangle_groups, mesh.triangle_groups)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".med"])
+def test_gmsh_reads_its_formats_with_all_groups(mesh, suffix, tmp_path):
+    gmsh = gmsh_or_skip()
+    write_tetrahedra(mesh, tmp_path / f"m{suffix}")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / f"m{suffix}"))
+        # MED pads names with blanks.
+        groups = {gmsh.model.getPhysicalName(*group).rstrip(): group for group in gmsh.model.getPhysicalGroups()}
+        assert set(groups) == {*mesh.tetrahedron_groups, *mesh.triangle_groups}
+        kind = {1: "Tetrahedron 4", 2: "Tetrahedron 10"}[mesh.order]
+        for name, rows in {**mesh.tetrahedron_groups, **mesh.triangle_groups}.items():
+            elements = 0
+            for entity in gmsh.model.getEntitiesForPhysicalGroup(*groups[name]):
+                types, tags, _ = gmsh.model.mesh.getElements(groups[name][0], entity)
+                elements += sum(map(len, tags))
+                if groups[name][0] == 3:
+                    assert gmsh.model.mesh.getElementProperties(types[0])[0] == kind
+            assert elements == len(rows)
+        # Negative where the nodes are in another order than gmsh's.
+        quality = gmsh.model.mesh.getElementQualities(gmsh.model.mesh.getElements(3)[1][0], "minSJ")
+        assert quality.min() > 0.1
+        _, coordinates, _ = gmsh.model.mesh.getNodes()
+        np.testing.assert_allclose(np.ptp(coordinates.reshape(-1, 3), axis=0), np.ptp(mesh.points, axis=0))
+        assert coordinates.reshape(-1, 3)[:, 0].max() == pytest.approx(-mesh.points[:, 0].min())
+    finally:
+        gmsh.finalize()
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
+def test_meshio_reads_the_same_tetrahedra(mesh, suffix, tmp_path):
+    meshio = pytest.importorskip("meshio", reason="meshio is not installed")
+    write_tetrahedra(mesh, tmp_path / f"m{suffix}")
+    found = meshio.read(tmp_path / f"m{suffix}")
+    kind = "tetra" if mesh.order == 1 else "tetra10"
+    cells = np.concatenate([block.data for block in found.cells if block.type == kind])
+    np.testing.assert_array_equal(cells, mesh.tetrahedra)
+    # Nastran's numbers have nine digits.
+    np.testing.assert_allclose(found.points, mesh.points * LPS, atol=1e-7)
+    if suffix != ".msh":
+        assert {block.type for block in found.cells} == {kind}
+
+
+def keyword_blocks(text):
+    """Keyword lines of an .inp file with the numbers below them."""
+    blocks = []
+    for line in text.splitlines():
+        if line.startswith("*"):
+            blocks.append((line, []))
+        else:
+            blocks[-1][1].append(line)
+    return blocks
+
+
+def test_abaqus_gets_solid_elements_sets_and_surfaces(mesh, tmp_path):
+    write_tetrahedra(mesh, tmp_path / "m.inp")
+    blocks = keyword_blocks((tmp_path / "m.inp").read_text())
+    kinds = [line for line, _ in blocks if line.startswith("*ELEMENT")]
+    kind = "C3D4" if mesh.order == 1 else "C3D10"
+    assert kinds == [f"*ELEMENT, TYPE={kind}, ELSET={name}" for name in mesh.tetrahedron_groups]
+    sets = {line.split("ELSET=")[1]: rows for line, rows in blocks if line.startswith("*ELSET")}
+    found = {line.split("NAME=")[1].split(",")[0]: rows for line, rows in blocks if line.startswith("*SURFACE")}
+    assert list(found) == list(mesh.triangle_groups)
+    for name, rows in found.items():
+        triangles = set()
+        for row in rows:
+            elset, side = row.split(", ")
+            numbers = [int(word) for line in sets[elset] for word in line.split(",")]
+            faces = mesh.tetrahedra[np.array(numbers) - 1][:, FACES[int(side[1]) - 1][:3]]
+            triangles |= {tuple(sorted(face)) for face in faces.tolist()}
+        wanted = mesh.triangles[mesh.triangle_groups[name]][:, :3]
+        assert triangles == {tuple(sorted(face)) for face in wanted.tolist()}
+    nodes = next(rows for line, rows in blocks if line == "*NSET, NSET=left_right_interface_nodes")
+    numbers = np.array([int(word) for line in nodes for word in line.split(",")])
+    np.testing.assert_allclose(mesh.points[numbers - 1, 0], 3.0)
+
+
+def test_abaqus_surfaces_face_outward_from_the_first_organ(tmp_path):
+    mesh = cube()
+    write_tetrahedra(mesh, tmp_path / "m.inp")
+    text = (tmp_path / "m.inp").read_text()
+    sets = re.findall(r"\*ELSET, ELSET=left_right_interface_S\d\n([\d, \n]+)", text)
+    elements = np.array([int(word) for rows in sets for word in rows.replace("\n", ",").split(",") if word.strip()])
+    assert np.isin(elements - 1, mesh.tetrahedron_groups["left"]).all()
+
+
+def test_nastran_gets_tetrahedra_properties_and_sets_only(mesh, tmp_path):
+    write_tetrahedra(mesh, tmp_path / "m.bdf")
+    lines = (tmp_path / "m.bdf").read_text().splitlines()
+    cards = {line[:8].strip() for line in lines if not line.startswith(("$", "+", "*"))}
+    assert cards == {"BEGIN BU", "GRID*", "PSOLID", "CTETRA", "SET1", "ENDDATA"}
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith("CTETRA") for line in lines) == len(mesh.tetrahedra)
+
+
+def test_files_are_lps(tmp_path):
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    mesh = cube()
+    write_tetrahedra(mesh, tmp_path / "m.vtu")
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "m.vtu"))
+    reader.Update()
+    grid = reader.GetOutput()
+    np.testing.assert_array_equal(grid.GetPoint(7), mesh.points[7] * LPS)
+    assert grid.GetFieldData().GetAbstractArray("SPACE").GetValue(0) == "LPS"
+    # The turn from RAS to LPS mirrors nothing.
+    assert (volumes(mesh.points * LPS, mesh.tetrahedra) > 0.0).all()
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITERS if suffix != ".med"])
+def test_names_with_letters_of_other_alphabets_can_be_written(suffix, tmp_path):
+    mesh = cube(names=("Blase links", 'Größe "2"'))
+    write_tetrahedra(mesh, tmp_path / f"m{suffix}")
+    assert (tmp_path / f"m{suffix}").stat().st_size > 1000
+
+
+def test_names_for_abaqus_are_ascii_and_different():
+    names = ascii_names(["Blase links", "blase_links", "Größe", "膀胱", "2b", "", "x" * 100])
+    assert list(names.values())[:3] == ["Blase_links", "blase_links_2", "Grosse"]
+    assert len({name.lower() for name in names.values()}) == 7
+    for name in names.values():
+        assert re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII)
+        assert len(name) <= 62
+
+
+def test_an_unknown_ending_is_refused_with_those_known(tmp_path):
+    with pytest.raises(ValueError, match=r"m\.xyz was asked for; .*\.msh.*\.inp"):
+        write_tetrahedra(cube(), tmp_path / "m.xyz")
+    assert list(tmp_path.iterdir()) == []

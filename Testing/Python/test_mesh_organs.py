@@ -1,0 +1,184 @@
+"""Tetrahedra in organs by gmsh and Netgen: shape, volume, groups, common nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from needs_gmsh import gmsh_or_skip
+from random_organs import random_organ
+
+from VICRegistrationLib.export.step import Solid
+from VICRegistrationLib.geometry.models import bell, closed_organ
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.meshing.elements import scaled_jacobians, volumes
+from VICRegistrationLib.meshing.groups import faces_of
+from VICRegistrationLib.meshing.options import MeshOptions
+from VICRegistrationLib.meshing.process import MeshingError
+from VICRegistrationLib.meshing.quality import quality
+from VICRegistrationLib.meshing.second_order import second_order
+from VICRegistrationLib.meshing.tetrahedra import mesh_organs
+from VICRegistrationLib.phantoms.organs import pelvic_organs
+
+ORGANS = pelvic_organs()
+
+
+@pytest.fixture(autouse=True)
+def gmsh_is_there():
+    gmsh_or_skip()
+
+
+def ball(x, radius, name):
+    return Solid(name, closed_organ((13, 11), axes=radius * np.eye(3), center=(x, 0.0, 0.0)))
+
+
+def boundary(mesh):
+    """Nodes of each face of the boundary, sorted."""
+    faces, _, second = faces_of(mesh.tetrahedra[:, :4])
+    return {tuple(sorted(face)) for face in faces[second < 0].tolist()}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", [5.0, 3.0])
+@pytest.mark.parametrize("name", ORGANS)
+def test_the_demo_organs_are_meshed_well(name, size, order):
+    mesh = mesh_organs([Solid(name, ORGANS[name])], MeshOptions(size=size, order=order))
+    report = quality(mesh)
+    assert report.inverted == 0
+    assert report.scaled_jacobian_min >= 0.15
+    # 0.5 % at 3 mm, and with the square of the size; curved elements keep the volume better.
+    assert abs(report.volume_ratio - 1.0) <= (0.005 * (size / 3.0) ** 2 if order == 1 else 0.0005)
+    assert report.volume_exact == pytest.approx(ORGANS[name].volume())
+    assert mesh.notes == ()
+    assert list(mesh.tetrahedron_groups) == [name]
+    assert list(mesh.triangle_groups) == [f"{name}_surface"]
+    assert {tuple(sorted(face)) for face in mesh.triangles[:, :3].tolist()} == boundary(mesh)
+    nodes = np.unique(mesh.triangles)
+    np.testing.assert_allclose(closest_points(ORGANS[name], mesh.points[nodes]).distances, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5, 9, 17, 20])
+def test_organs_of_random_shape_are_meshed(seed):
+    """Six of the 200 that were tried: those with the sharpest bends, and those that need several ways."""
+    surface = random_organ(seed)
+    assert not check_surface(surface)
+    report = quality(mesh_organs([Solid("organ", surface)], MeshOptions(size=6.0, order=1 + seed % 2)))
+    assert report.inverted == 0
+    assert report.scaled_jacobian_min > 0.1
+    assert abs(report.volume_ratio - 1.0) <= 0.02
+
+
+def test_a_hollow_organ_has_an_inside_and_an_outside():
+    mesh = mesh_organs([ball(0.0, 20.0, "bladder")], MeshOptions(size=5.0, wall=3.0))
+    report = quality(mesh)
+    assert list(mesh.tetrahedron_groups) == ["bladder_wall"]
+    assert list(mesh.triangle_groups) == ["bladder_inside", "bladder_outside"]
+    assert report.volume_exact == pytest.approx(4.0 / 3.0 * np.pi * (23.0**3 - 20.0**3), rel=2e-3)
+    for name, radius in (("bladder_inside", 20.0), ("bladder_outside", 23.0)):
+        nodes = np.unique(mesh.triangles[mesh.triangle_groups[name]])
+        # The generic model is a sphere within 0.1 %, the wall 3 mm within 1 %.
+        np.testing.assert_allclose(np.linalg.norm(mesh.points[nodes], axis=1), radius, atol=0.06)
+    corners = mesh.points[mesh.triangles[mesh.triangle_groups["bladder_inside"]]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Out of the wall is into the lumen.
+    assert (np.einsum("nk,nk->n", normals, corners.mean(axis=1)) < 0.0).all()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_overlapping_organs_share_the_nodes_of_their_interface(order):
+    one, two = ball(0.0, 20.0, "one"), ball(37.0, 20.0, "two")
+    mesh = mesh_organs([one, two], MeshOptions(size=6.0, order=order))
+    assert list(mesh.triangle_groups) == ["one_surface", "two_surface", "one_two_interface"]
+    # Two caps of height 1.5 of a sphere of 20.
+    lens = 2.0 * np.pi * 1.5**2 * (3.0 * 20.0 - 1.5) / 3.0
+    assert len(mesh.notes) == 1
+    assert mesh.notes[0].startswith("two and one overlap by ")
+    assert mesh.notes[0].endswith("this belongs to one.")
+    assert float(mesh.notes[0].split()[5]) == pytest.approx(lens, rel=0.02)
+    assert mesh.exact_volumes["one"] == pytest.approx(one.surface.volume())
+    assert mesh.exact_volumes["two"] == pytest.approx(two.surface.volume() - lens, rel=1e-3)
+    report = quality(mesh)
+    assert report.inverted == 0
+    interface = mesh.triangles[mesh.triangle_groups["one_two_interface"]]
+    for name in ("one", "two"):
+        nodes = np.unique(mesh.tetrahedra[mesh.tetrahedron_groups[name]])
+        assert np.isin(interface, nodes).all()
+    # It is the part of the first organ's surface that lies inside of the second one.
+    np.testing.assert_allclose(
+        closest_points(one.surface, mesh.points[np.unique(interface[:, :3])]).distances, 0.0, atol=1e-3
+    )
+    faces = {tuple(sorted(face)) for face in mesh.triangles[:, :3].tolist()}
+    assert faces == boundary(mesh) | {tuple(sorted(face)) for face in interface[:, :3].tolist()}
+
+
+def test_the_order_of_the_organs_is_their_priority():
+    one, two = ball(0.0, 20.0, "one"), ball(37.0, 20.0, "two")
+    mesh = mesh_organs([two, one], MeshOptions(size=8.0))
+    assert mesh.exact_volumes["two"] == pytest.approx(two.surface.volume())
+    assert mesh.notes[0].endswith("this belongs to two.")
+
+
+def test_lumens_stay_free_of_the_walls_of_others():
+    """The wall of the first reaches into the lumen of the second."""
+    mesh = mesh_organs([ball(0.0, 15.0, "one"), ball(32.0, 15.0, "two")], MeshOptions(size=6.0, wall=4.0))
+    assert any("the lumen of two" in note for note in mesh.notes)
+    centers = mesh.points[mesh.tetrahedra].mean(axis=1)
+    for x in (0.0, 32.0):
+        assert np.linalg.norm(centers - [x, 0.0, 0.0], axis=1).min() > 14.9
+    assert {"one_inside", "one_outside", "two_inside", "two_outside", "one_two_interface"} == set(mesh.triangle_groups)
+
+
+@pytest.mark.parametrize("apart", [(28.0, 0.0, 0.0), (18.0, 18.0, 12.0)], ids=["far", "with boxes that meet"])
+def test_organs_that_do_not_touch_are_meshed_side_by_side(apart):
+    one = ball(0.0, 12.0, "one")
+    matrix = np.eye(4)
+    matrix[:3, 3] = apart
+    mesh = mesh_organs([one, Solid("two", one.surface.transformed(matrix))], MeshOptions(size=8.0, wall=1.0))
+    assert list(mesh.triangle_groups) == ["one_inside", "one_outside", "two_inside", "two_outside"]
+    assert mesh.notes == ()
+
+
+def test_an_organ_inside_of_one_named_before_it_is_refused_and_meshed_the_other_way_round():
+    outer, inner = ball(0.0, 20.0, "outer"), ball(3.0, 10.0, "inner")
+    with pytest.raises(MeshingError, match="Nothing is left of inner"):
+        mesh_organs([outer, inner], MeshOptions(size=8.0))
+    mesh = mesh_organs([inner, outer], MeshOptions(size=8.0))
+    # All of the inner one's surface is an interface.
+    assert list(mesh.triangle_groups) == ["outer_surface", "inner_outer_interface"]
+    assert quality(mesh).volume == pytest.approx(outer.surface.volume(), rel=0.03)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_netgen_meshes_too(order):
+    pytest.importorskip("netgen.occ", reason="Netgen is not installed", exc_type=ImportError)
+    organs = [ball(0.0, 15.0, "one"), ball(28.0, 15.0, "two")]
+    mesh = mesh_organs(organs, MeshOptions(size=6.0, order=order, tool="netgen"))
+    report = quality(mesh)
+    assert report.inverted == 0
+    assert report.scaled_jacobian_min > 0.05
+    assert set(mesh.triangle_groups) == {"one_surface", "two_surface", "one_two_interface"}
+    assert report.volume_ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_curving_never_spoils_an_element():
+    """A flat element at the surface of a small ball: fully curved it would be turned inside out."""
+    surface = closed_organ((13, 11), axes=10.0 * np.eye(3))
+    angles = np.radians([0.0, 110.0, 235.0])
+    corners = np.column_stack([np.cos(angles), np.sin(angles), np.full(3, 0.15)])
+    points = np.vstack([9.9 * corners / np.linalg.norm(corners, axis=1, keepdims=True), [[0.0, 0.0, 3.2]]])
+    cells = np.array([[0, 1, 2, 3]])
+    assert volumes(points, cells)[0] > 0.0
+    nodes, curved, flattened = second_order(points, cells, np.zeros(1, dtype=int), [surface], least_quality=0.15)
+    assert flattened > 0
+    assert scaled_jacobians(nodes, curved)[0] >= min(0.15, scaled_jacobians(points, cells)[0]) - 1e-12
+
+
+def test_what_is_no_solid_is_refused_before_meshing():
+    told = []
+    with pytest.raises(ValueError, match="bell: The surface"):
+        mesh_organs([Solid("bell", bell(20.0))], on_progress=told.append)
+    with pytest.raises(ValueError, match="give at least one"):
+        mesh_organs([])
+    with pytest.raises(ValueError, match="would be called one;"):
+        mesh_organs([ball(0.0, 10.0, "one"), ball(50.0, 10.0, "one")])
+    assert told == ["checking the surfaces"]

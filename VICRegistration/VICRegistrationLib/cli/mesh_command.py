@@ -1,0 +1,173 @@
+"""``vic-registration mesh``: surfaces as meshes of tetrahedra or of nearly equal triangles."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ..export.mesh_files import MESH_SUFFIXES, write_ply, write_stl, write_vtp
+from ..export.step import Solid
+from ..files import keep_inputs, replacing_folder
+from ..meshing.formats import writer_for
+from ..meshing.options import TOOLS, MeshOptions
+from . import values
+from .solids import read_solids
+
+REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
+_DEFAULT = MeshOptions()
+
+_EPILOG = f"""\
+SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is LPS mm; its ending chooses the format:
+  .msh   gmsh 4.1            .inp   Abaqus, CalculiX (solid elements only)
+  .vtu   VTK, ParaView       .bdf   Nastran (solid elements only)
+  .med   Salome, Code_Aster
+with groups for loads and contacts: NAME (or NAME_wall) of tetrahedra; NAME_surface (or NAME_inside and NAME_outside)
+and NAME_OTHER_interface of triangles. FILE's name with .quality.json gets the report that is printed.
+
+--wall makes organs hollow: the surface is that of the lumen, and the wall lies outside of it. Several organs are one
+mesh with common nodes where they touch; where they overlap, the place belongs to the one that is named first, and
+lumens stay free of all walls.
+Elements are smaller than --size where the surface is strongly curved, so that the mesh keeps the organ's volume.
+--surface gives triangles only, of one organ, in a file {", ".join(MESH_SUFFIXES)}.
+
+examples:
+  vic-registration mesh bladder.json --size 3 --output bladder.msh
+  vic-registration mesh bladder.json vagina.json rectum.json --wall 3 --order 2 --output pelvis.inp
+  vic-registration mesh bladder.json --surface --size 2 --output bladder_2mm.stl
+"""
+
+
+def add_parser(subparsers, add_command: Callable) -> None:
+    """Add the words of the command.
+
+    Parameters
+    ----------
+    subparsers
+        Of argparse.
+    add_command : callable
+        Makes a parser from subparsers, name, summary and function.
+    """
+    parser = add_command(subparsers, "mesh", "fill surfaces with tetrahedra for simulation", run, epilog=_EPILOG)
+    parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
+    parser.add_argument("--output", metavar="FILE", required=True, help="file to write")
+    parser.add_argument("--size", metavar="MM", type=_number, default=_DEFAULT.size, help="edges (default: 3)")
+    parser.add_argument("--surface", action="store_true", help="nearly equal triangles instead of tetrahedra")
+    inside = parser.add_argument_group("tetrahedra")
+    inside.add_argument("--order", type=int, choices=(1, 2), help="linear (default) or second-order elements")
+    inside.add_argument("--tool", choices=TOOLS, help="program that makes the mesh (default: gmsh)")
+    inside.add_argument("--wall", metavar="MM", type=_number, help="thickness of the wall of hollow organs")
+    inside.add_argument(
+        "--volume-error",
+        metavar="FRACTION",
+        type=_number,
+        help="largest difference from the exact volume (default: 0.005 at 3 mm, with the square of the size)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        metavar="S",
+        type=_number,
+        default=_DEFAULT.time_limit,
+        help="seconds after which the program is ended (default: 600)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Mesh surfaces and write the mesh and its quality.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+
+    Raises
+    ------
+    ValueError, OSError, RuntimeError
+        With a sentence for the user.
+    """
+    target = Path(values.folder(options.output))
+    chosen = {
+        word: getattr(options, word)
+        for word in ("order", "tool", "wall", "volume_error")
+        if getattr(options, word) is not None
+    }
+    _check_target(target, options, chosen)
+    settings = MeshOptions(size=options.size, time_limit=options.time_limit, **chosen)
+    solids = read_solids(options.surfaces)
+
+    def say(line: str) -> None:
+        if not options.quiet and line:
+            print(line, file=sys.stderr, flush=True)
+
+    with replacing_folder(target.parent) as drafts:
+        make = _triangles if options.surface else _tetrahedra
+        lines, report = make(solids, settings, drafts / target.name, say)
+        content = {
+            "schema": REPORT_SCHEMA,
+            "version": REPORT_VERSION,
+            "file": target.name,
+            "frame": "LPS",
+            "unit": "mm",
+        }
+        text = json.dumps({**content, **report}, indent=2, allow_nan=False, ensure_ascii=False)
+        drafts.joinpath(f"{target.name}.quality.json").write_text(text + "\n", encoding="utf-8")
+    print("\n".join(lines))
+    say(f"written to {target}")
+
+
+def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> None:
+    """Refuse, before anything is computed, what cannot be written."""
+    if not options.surface:
+        writer_for(target)
+    else:
+        if target.suffix.lower() not in MESH_SUFFIXES:
+            msg = f"{target.name} was asked for; triangles need a name that ends in {', '.join(MESH_SUFFIXES)}."
+            raise ValueError(msg)
+        if len(options.surfaces) > 1:
+            msg = f"{len(options.surfaces)} surfaces were given; with --surface, give them one at a time."
+            raise ValueError(msg)
+        if chosen:
+            msg = f"--{next(iter(chosen)).replace('_', '-')} was given, which is for tetrahedra; leave out --surface."
+            raise ValueError(msg)
+    keep_inputs((target, target.with_name(f"{target.name}.quality.json")), options.surfaces)
+
+
+def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
+    """Write the mesh; returns the report for people and for programs."""
+    from ..meshing.formats import write_tetrahedra
+    from ..meshing.quality import quality
+    from ..meshing.tetrahedra import mesh_organs
+
+    mesh = mesh_organs(solids, settings, on_progress=say)
+    report = quality(mesh)
+    say("writing")
+    write_tetrahedra(mesh, draft)
+    notes = list(mesh.notes)
+    used = {"size": settings.size, "order": settings.order, "tool": settings.tool, "wall": settings.wall}
+    return report.lines() + [f"note: {note}" for note in notes], {**used, **report.as_json(), "notes": notes}
+
+
+def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
+    from dataclasses import asdict
+
+    from ..meshing.surface_mesh import surface_mesh, triangle_quality
+
+    (solid,) = solids
+    mesh = surface_mesh(solid.surface, settings.size, name=solid.name, time_limit=settings.time_limit, on_progress=say)
+    if draft.suffix.lower() == ".vtp":
+        write_vtp(mesh, solid.surface, draft, name=solid.name)
+    else:
+        {".stl": write_stl, ".ply": write_ply}[draft.suffix.lower()](mesh, draft, name=solid.name)
+    report = triangle_quality(mesh.points, mesh.triangles)
+    return report.lines(), {"size": settings.size, **asdict(report)}
+
+
+def _number(text: str) -> float:
+    """Check that a word is a number; whether it makes sense is for the options to say."""
+    try:
+        return float(text)
+    except ValueError as error:
+        msg = f"{text!r} was given; a number is needed"
+        raise argparse.ArgumentTypeError(msg) from error

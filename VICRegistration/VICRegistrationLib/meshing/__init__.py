@@ -1,0 +1,1 @@
+"""Tetrahedral and surface meshes of organs by gmsh or Netgen, each in a process of its own."""

@@ -1,0 +1,213 @@
+"""What is meshed as one: organs or their walls as regions, and who keeps a place that two of them claim."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..export.frames import RAS_TO_LPS
+from ..export.step import Solid, step_text, validate_solids
+from ..geometry.surface import BSplineSurface
+from .options import MeshOptions
+from .process import MeshingError
+from .sizes import SizeField, size_field
+from .wall import offset_surface
+
+# Largest edge in a wall, in thicknesses of it: longer ones make flat tetrahedra.
+_LONGEST_IN_WALL = 1.5
+# Relative difference at which the mesher has not read the solid that it was given.
+_MISREAD = 1e-3
+# Volume in mm^3, and fraction of the region, below which a loss is rounding rather than an overlap.
+_ROUNDING = (1e-2, 1e-5)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A solid organ, or the wall of a hollow one.
+
+    Parameters
+    ----------
+    name : str
+        Name of the organ.
+    outer : BSplineSurface
+        RAS mm.
+    inner : BSplineSurface, optional
+        Surface of the lumen, if it is a wall.
+    """
+
+    name: str
+    outer: BSplineSurface
+    inner: BSplineSurface | None = None
+
+    @property
+    def group(self) -> str:
+        """Name of its tetrahedra."""
+        return self.name if self.inner is None else f"{self.name}_wall"
+
+    @property
+    def surfaces(self) -> dict[str, BSplineSurface]:
+        """Its surfaces by the names of their triangles."""
+        if self.inner is None:
+            return {f"{self.name}_surface": self.outer}
+        return {f"{self.name}_inside": self.inner, f"{self.name}_outside": self.outer}
+
+    @property
+    def volume(self) -> float:
+        """Volume before anything is cut off, mm^3."""
+        return self.outer.volume() - (0.0 if self.inner is None else self.inner.volume())
+
+
+def regions_of(solids: Sequence[Solid], options: MeshOptions) -> list[Region]:
+    """Check organs and give them their walls.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+    options : MeshOptions
+
+    Returns
+    -------
+    list of Region
+        In the order of the solids, which is that of their priority.
+
+    Raises
+    ------
+    ValueError
+        If there is none, two have one name, a surface is not valid, or a wall would pass through itself.
+    """
+    if not solids:
+        msg = "No organ was given; give at least one surface to mesh."
+        raise ValueError(msg)
+    validate_solids(solids)
+    if options.wall is None:
+        regions = [Region(solid.name, solid.surface) for solid in solids]
+    else:
+        regions = [
+            Region(solid.name, offset_surface(solid.surface, options.wall, name=solid.name), solid.surface)
+            for solid in solids
+        ]
+    names = [name for region in regions for name in (region.group, *region.surfaces)]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        msg = f"Two groups of the mesh would be called {twice}; give the organs different names."
+        raise ValueError(msg)
+    return regions
+
+
+def surfaces_of(regions: Sequence[Region]) -> dict[str, BSplineSurface]:
+    """All exact surfaces by the names of their triangles."""
+    return {name: surface for region in regions for name, surface in region.surfaces.items()}
+
+
+def job_files(
+    regions: Sequence[Region], options: MeshOptions, *, scale: float, faces: int = 1, least_quality: float
+) -> tuple[dict, dict[str, str | bytes]]:
+    """Job of a worker, and the files that it needs.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+    options : MeshOptions
+    scale : float
+        Factor on the sizes where the surface is curved, to keep the volume.
+    faces : int
+        Faces that every surface is cut into.
+    least_quality : float
+        Scaled Jacobian with which the worker is content.
+
+    Returns
+    -------
+    job : dict
+    files : dict of name to content
+        A STEP file for every surface and the sizes, in LPS mm.
+    """
+    files, described = {}, []
+    for number, region in enumerate(regions):
+        entry = {"name": region.name, "outer": f"outer{number}.step", "inner": None}
+        files[entry["outer"]] = step_text([Solid(region.name, region.outer)], faces=faces)
+        if region.inner is not None:
+            entry["inner"] = f"inner{number}.step"
+            files[entry["inner"]] = step_text([Solid(region.name, region.inner)], faces=faces)
+        described.append(entry)
+    surfaces = list(surfaces_of(regions).values())
+    size = options.size if options.wall is None else min(options.size, _LONGEST_IN_WALL * options.wall)
+    sizes = size_field(surfaces, size, order=options.order, volume_error=options.volume_error * scale**2)
+    files["sizes.bin"], files["points.npy"] = _field_file(sizes), _points_file(sizes)
+    job = {
+        "regions": described,
+        "size": size,
+        "order": options.order,
+        "least_quality": least_quality,
+        "sizes": "sizes.bin",
+        "points": "points.npy",
+    }
+    return job, files
+
+
+def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping], name: str) -> dict[str, float]:
+    """Volumes of the exact regions after they were cut against each other.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+    measured : sequence of mapping
+        For each region what the mesher measured on its exact solid: ``whole``, the volume before it was cut, and
+        ``given``, what it gave up to whom.
+    name : str
+        The mesher, for messages.
+
+    Returns
+    -------
+    dict of str to float
+        By group, mm^3.
+
+    Raises
+    ------
+    MeshingError
+        If the mesher has read another solid than it was given.
+    """
+    kept = {}
+    for region, volume in zip(regions, measured):
+        exact = region.volume
+        if not abs(volume["whole"] - exact) <= _MISREAD * exact:
+            msg = (
+                f"{name} has read {region.group} with {volume['whole'] / 1000.0:.3g} ml instead of "
+                f"{exact / 1000.0:.3g} ml; use the other mesher."
+            )
+            raise MeshingError(msg)
+        kept[region.group] = exact - sum(_given(volume).values())
+    return kept
+
+
+def claimed_twice(regions: Sequence[Region], measured: Sequence[Mapping]) -> list[str]:
+    """Sentences about the overlaps that were resolved."""
+    return [
+        f"{region.name} and {other} overlap by {lost:.3g} mm3; this belongs to {other}."
+        for region, volume in zip(regions, measured)
+        for other, lost in _given(volume).items()
+    ]
+
+
+def _given(volume: Mapping) -> dict[str, float]:
+    """Volumes that a region has given up, without what is rounding."""
+    least = max(_ROUNDING[0], _ROUNDING[1] * volume["whole"])
+    return {other: lost for other, lost in volume["given"].items() if lost > least}
+
+
+def _field_file(sizes: SizeField) -> bytes:
+    """Binary file of gmsh's field "Structured", in LPS."""
+    turned = sizes.sizes[::-1, ::-1]
+    last = sizes.origin + sizes.spacing * (np.array(sizes.sizes.shape) - 1)
+    origin = np.array([-last[0], -last[1], sizes.origin[2]])
+    head = np.concatenate([origin, np.full(3, sizes.spacing)]).astype("<f8").tobytes()
+    return head + np.array(turned.shape, dtype="<i4").tobytes() + np.ascontiguousarray(turned, "<f8").tobytes()
+
+
+def _points_file(sizes: SizeField) -> bytes:
+    """Rows of x, y, z (LPS) and size, as numpy writes them."""
+    buffer = io.BytesIO()
+    np.save(buffer, np.column_stack([sizes.points * RAS_TO_LPS, sizes.point_sizes]))
+    return buffer.getvalue()

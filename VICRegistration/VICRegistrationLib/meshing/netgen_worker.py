@@ -1,0 +1,146 @@
+"""Meshes a job with Netgen; run as ``python -m VICRegistrationLib.meshing.netgen_worker JOB``."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from netgen import occ
+from netgen.meshing import MeshingParameters
+
+from .elements import scaled_jacobians
+from .worker import JobError, Workplace, main
+
+# Factor on the sizes and rounds of improvement: tried in turn until a mesh is good.
+_WAYS = ((1.0, 3), (0.95, 6), (0.88, 6))
+# Relative difference of volumes at which a cut has failed.
+_MISCUT = 1e-3
+# Another way is tried only while so much of the time limit is left.
+_TIME_FOR_TRIES = 0.3
+# Netgen numbers the corners of tetrahedra the other way round.
+_TURNED = [0, 2, 1, 3]
+# Points that the sizes are prescribed at: more do not help, and every one costs.
+_MOST_POINTS = 8000
+
+
+def work(place: Workplace) -> None:
+    """Mesh the regions of a job.
+
+    Parameters
+    ----------
+    place : Workplace
+    """
+    shape, numbers, volumes = _build(place)
+    best = None
+    for number, (factor, rounds) in enumerate(_WAYS, start=1):
+        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
+        found = _mesh(place, shape, numbers, factor, rounds)
+        if found is None:
+            continue
+        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
+        if best is None or least > best[0]:
+            best = least, found
+        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
+            break
+    if best is None:
+        msg = "Netgen returned no tetrahedra; choose another element size or --tool gmsh."
+        raise JobError(msg)
+    place.finish(best[1], {"volumes": volumes})
+
+
+def _build(place: Workplace):
+    """Read the solids and cut them against each other.
+
+    Returns the shape, the region of each of its solids, and what each region gave up to whom.
+    """
+    place.progress("reading the solids")
+    names = [region["name"] for region in place.job["regions"]]
+    outers = [_solid(place, region["outer"]) for region in place.job["regions"]]
+    lumens = [_solid(place, region["inner"]) for region in place.job["regions"] if region["inner"]]
+    place.progress("cutting the solids")
+    pieces, volumes = [], []
+    for number, outer in enumerate(outers):
+        left = outer - lumens[number] if lumens else outer
+        whole, given = _volume(left), {}
+        # Who is named first keeps what is claimed twice, but lumens stay free of everybody's wall. What is cut off are
+        # whole organs, as Open CASCADE errs with hollow ones; the sum is the same.
+        others = list(zip(names, outers[:number]))
+        others += [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
+        for name, tool in others:
+            if _meet(outer, tool):
+                before = _volume(left)
+                left = left - tool
+                given[name] = before - _volume(left)
+        kept = list(left.solids)
+        if _volume(left) <= _MISCUT * whole:
+            msg = f"Nothing is left of {names[number]}, as it lies inside of the organs named before it; name it first."
+            raise JobError(msg)
+        for solid in kept:
+            solid.name = f"region{number}"
+        pieces += kept
+        volumes.append({"whole": whole, "given": given})
+    shape = occ.Glue(pieces) if len(pieces) > 1 else pieces[0]
+    numbers = [int(solid.name[len("region") :]) for solid in shape.solids]
+    for number, told in enumerate(volumes):
+        parts = [solid.mass for solid, mine in zip(shape.solids, numbers) if mine == number]
+        kept = told["whole"] - sum(told["given"].values())
+        if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
+            msg = (
+                f"Netgen could not cut {names[number]} where it meets its neighbours; use --tool gmsh or another wall."
+            )
+            raise JobError(msg)
+    return shape, numbers, volumes
+
+
+def _solid(place: Workplace, name: str):
+    """Read a file that holds one solid."""
+    solids = list(occ.OCCGeometry(place.path(name)).shape.solids)
+    if len(solids) != 1:
+        msg = "Netgen found no solid in the STEP file; check the surface."
+        raise JobError(msg)
+    return solids[0]
+
+
+def _volume(shape) -> float:
+    return sum(solid.mass for solid in shape.solids)
+
+
+def _meet(one, other) -> bool:
+    """Whether the boxes around two shapes meet."""
+    (low, high), (other_low, other_high) = (
+        [np.array([point.x, point.y, point.z]) for point in shape.bounding_box] for shape in (one, other)
+    )
+    return bool(((low <= other_high) & (other_low <= high)).all())
+
+
+def _mesh(place: Workplace, shape, numbers: list[int], factor: float, rounds: int) -> dict | None:
+    """Mesh in one way; None if there are no tetrahedra."""
+    parameters = MeshingParameters(
+        maxh=place.job["size"] * factor, grading=0.35, curvaturesafety=0.1, segmentsperedge=0.1, optsteps3d=rounds
+    )
+    for x, y, z, size in _sizes(place):
+        parameters.RestrictH(x, y, z, size * factor)
+    try:
+        mesh = occ.OCCGeometry(shape).GenerateMesh(parameters)
+    except Exception:  # noqa: BLE001 - Netgen raises its own exceptions; another way may do.
+        return None
+    cells = mesh.Elements3D().NumPy()
+    if not len(cells):
+        return None
+    return {
+        "points": np.array(mesh.Coordinates()),
+        "tetrahedra": cells["nodes"].astype(int)[:, _TURNED] - 1,
+        "regions": np.array(numbers)[cells["index"].astype(int) - 1],
+    }
+
+
+def _sizes(place: Workplace) -> np.ndarray:
+    """Rows of x, y, z and size where the surface wants small elements, the smallest first."""
+    rows = np.load(place.path(place.job["points"]))
+    rows = rows[rows[:, 3] < 0.999 * place.job["size"]]
+    step = -(-len(rows) // _MOST_POINTS) if len(rows) else 1
+    return rows[::step].tolist()
+
+
+if __name__ == "__main__":
+    sys.exit(main(work, name="Netgen"))
