@@ -26,7 +26,7 @@ lint: $(VENV)/lint.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-benchmark: $(VENV)/pictures.stamp
+benchmark: $(VENV)/demo.stamp
 	$(BIN)/python Testing/benchmarks/run.py
 
 reproduce: $(VENV)/pictures.stamp

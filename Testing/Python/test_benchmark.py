@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from needs_gmsh import gmsh_or_skip
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -20,13 +21,14 @@ def modules():
         import bladders
         import growth
         import measuring
+        import meshes
         import run
         import scenes
         import surfaces
         import volumes
 
-        yield {m.__name__: m for m in (bladders, growth, measuring, run, scenes, surfaces, volumes)}
-        for name in ("bladders", "growth", "measuring", "run", "scenes", "surfaces", "volumes"):
+        yield {m.__name__: m for m in (bladders, growth, measuring, meshes, run, scenes, surfaces, volumes)}
+        for name in ("bladders", "growth", "measuring", "meshes", "run", "scenes", "surfaces", "volumes"):
             del sys.modules[name]
 
 
@@ -128,3 +130,8 @@ def test_the_report_starts_with_the_machine(modules, monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert re.search(r"\d+ cores, .*numpy \d.*scipy \d.*VTK \d", printed)
     assert "quick is True" in printed
+
+
+def test_random_organs_are_meshed_and_counted(modules):
+    gmsh_or_skip()
+    assert "2 random valid organs at 5 mm: 2 meshed, 0 failed" in modules["meshes"]._random(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from needs_gmsh import gmsh_or_skip
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import demo
@@ -56,7 +57,7 @@ def test_the_demonstration_ends_with_a_picture_to_open(tmp_path, monkeypatch, ca
 
 
 def test_the_mesh_of_the_demonstration_is_written_and_drawn(organs, tmp_path, monkeypatch, capsys):
-    pytest.importorskip("gmsh", reason="gmsh is not installed")
+    gmsh_or_skip()
     monkeypatch.setattr(demo, "MESH_SIZE_MM", 6.0)
     demo._write_mesh(organs, tmp_path / "mesh")
     written = sorted(path.name for path in (tmp_path / "mesh").iterdir())

@@ -170,3 +170,18 @@ def test_an_unknown_ending_is_refused_with_those_known(tmp_path):
     with pytest.raises(ValueError, match=r"m\.xyz was asked for; .*\.msh.*\.inp"):
         write_tetrahedra(cube(), tmp_path / "m.xyz")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_names_that_gmsh_could_not_read_are_shortened_and_stay_different(tmp_path):
+    gmsh = gmsh_or_skip()
+    long = "a" * 300
+    write_tetrahedra(cube(names=(f"{long}\none", f"{long} two")), tmp_path / "m.msh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "m.msh"))
+        names = [gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups(3)]
+    finally:
+        gmsh.finalize()
+    assert names[0] != names[1]
+    assert all(name.startswith("a" * 90) for name in names)

@@ -182,3 +182,10 @@ def test_what_is_no_solid_is_refused_before_meshing():
     with pytest.raises(ValueError, match="would be called one;"):
         mesh_organs([ball(0.0, 10.0, "one"), ball(50.0, 10.0, "one")])
     assert told == ["checking the surfaces"]
+
+
+@pytest.mark.parametrize("options", [{"size": 0.01}, {"wall": 1e-6}], ids=["tiny elements", "tiny wall"])
+def test_a_mesh_that_would_fill_the_memory_is_refused_before_it_is_begun(options):
+    gmsh_or_skip()
+    with pytest.raises(ValueError, match=r"would be about .* tetrahedra, more than .*; choose larger elements"):
+        mesh_organs([Solid("ball", closed_organ(axes=10.0 * np.eye(3)))], MeshOptions(**options))

@@ -24,18 +24,24 @@ TITLES = {
     "separation": "Separating an organ in a large volume",
     "growth": "Growth of the local fit",
     "sampling": "Sampling grey levels",
+    "meshes": "Meshes of tetrahedra",
 }
+
+
+# Left out unless asked for.
+LONG = ("meshes",)
 
 
 def reports() -> dict[str, Callable[..., str]]:
     """Functions that measure a case and tell about it."""
     import bladders
     import growth
+    import meshes
     import surfaces
     import volumes
 
     functions = (surfaces.report, bladders.report, volumes.separation_report, growth.report, volumes.sampling_report)
-    return dict(zip(TITLES, functions))
+    return dict(zip(TITLES, (*functions, meshes.report)))
 
 
 def machine() -> str:
@@ -63,12 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer repeats and smaller sizes")
+    parser.add_argument(
+        "--all", action="store_true", help="also what takes a quarter of an hour or more: " + ", ".join(LONG)
+    )
     parser.add_argument("--only", metavar="NAME", choices=tuple(TITLES), help=f"one of {', '.join(TITLES)}")
     options = parser.parse_args(arguments)
     os.environ.setdefault(THREADS, "1")
     print(f"Benchmark of VICRegistration\n{machine()}", flush=True)
     for name, report in reports().items():
-        if options.only in (None, name):
+        if name == options.only or (options.only is None and (options.all or options.quick or name not in LONG)):
             start = time.perf_counter()
             text = report(quick=options.quick)
             print(f"\n{TITLES[name]} ({name}, {time.perf_counter() - start:.0f} s)\n\n{text}", flush=True)

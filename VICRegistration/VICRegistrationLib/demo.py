@@ -73,12 +73,18 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     from .meshing.formats import write_tetrahedra
     from .meshing.options import MeshOptions
     from .meshing.picture import mesh_picture
+    from .meshing.process import MeshingError
     from .meshing.quality import quality
     from .meshing.tetrahedra import mesh_organs
 
     _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
     solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
-    mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
+    try:
+        mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
+    except MeshingError as error:
+        # Everything else is there: gmsh may miss a library of the system.
+        _say(f"No mesh: {error}")
+        return
     with replacing_folder(directory) as drafts:
         for suffix in (".vtu", ".msh"):
             write_tetrahedra(mesh, drafts / f"organs{suffix}")

@@ -53,9 +53,10 @@ def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> None:
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    write = writer_for(path)
+    # Before the file is begun: what fails here has nothing to do with the disk.
+    content = writer_for(path)(mesh)
     with replacing(path) as draft:
-        draft.write_bytes(write(mesh))
+        draft.write_bytes(content)
 
 
 def writer_for(path: str | os.PathLike) -> Callable[[TetrahedralMesh], bytes]:

@@ -8,7 +8,7 @@ import gmsh
 import numpy as np
 
 from .elements import scaled_jacobians
-from .worker import JobError, Workplace, main
+from .worker import JobError, Workplace, main, miscut, nothing_left
 
 # Programs for the surfaces and for the inside, and a factor on the sizes: tried in turn until a mesh is good.
 _WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
@@ -130,11 +130,11 @@ def _check_region(name: str, region: list[int], told: dict) -> None:
     """Refuse what Open CASCADE has cut wrongly."""
     kept = told["whole"] - sum(told["given"].values())
     if kept <= _MISCUT * told["whole"]:
-        msg = f"Nothing is left of {name}, as it lies inside of the organs named before it; name it first."
+        msg = nothing_left(name)
         raise JobError(msg)
     parts = [gmsh.model.occ.getMass(3, tag) for tag in region]
     if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
-        msg = f"gmsh could not cut {name} where it meets its neighbours; use --tool netgen or another wall."
+        msg = miscut("gmsh", name)
         raise JobError(msg)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..export.frames import RAS_TO_LPS
 from .tetrahedra import TetrahedralMesh
-from .text_tables import rows_text
+from .text_tables import one_line_names, rows_text
 
 _KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
 # gmsh numbers the middles of the last two edges of a tetrahedron the other way round.
@@ -35,8 +35,8 @@ def msh_text(mesh: TetrahedralMesh) -> str:
 
 
 def _head(parts) -> str:
-    # A name cannot hold its own end.
-    names = "".join('{} {} "{}"\n'.format(dim, tag, name.replace('"', "'")) for dim, tag, name, _ in parts)
+    plain = one_line_names(name for _, _, name, _ in parts)
+    names = "".join(f'{dim} {tag} "{name}"\n' for (dim, tag, *_), name in zip(parts, plain))
     return f"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PhysicalNames\n{len(parts)}\n{names}$EndPhysicalNames\n"
 
 

@@ -9,7 +9,7 @@ from netgen import occ
 from netgen.meshing import MeshingParameters
 
 from .elements import scaled_jacobians
-from .worker import JobError, Workplace, main
+from .worker import JobError, Workplace, main, miscut, nothing_left
 
 # Factor on the sizes and rounds of improvement: tried in turn until a mesh is good.
 _WAYS = ((1.0, 3), (0.95, 6), (0.88, 6))
@@ -73,7 +73,7 @@ def _build(place: Workplace):
                 given[name] = before - _volume(left)
         kept = list(left.solids)
         if _volume(left) <= _MISCUT * whole:
-            msg = f"Nothing is left of {names[number]}, as it lies inside of the organs named before it; name it first."
+            msg = nothing_left(names[number])
             raise JobError(msg)
         for solid in kept:
             solid.name = f"region{number}"
@@ -85,9 +85,7 @@ def _build(place: Workplace):
         parts = [solid.mass for solid, mine in zip(shape.solids, numbers) if mine == number]
         kept = told["whole"] - sum(told["given"].values())
         if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
-            msg = (
-                f"Netgen could not cut {names[number]} where it meets its neighbours; use --tool gmsh or another wall."
-            )
+            msg = miscut("Netgen", names[number])
             raise JobError(msg)
     return shape, numbers, volumes
 

@@ -28,6 +28,8 @@ _WORKERS = {
 _LAYOUTS = ((1, 0.4), (2, 1.0))
 # How often a mesh is made, each time with smaller elements, until it keeps the volume.
 _TRIES = 3
+# More than this takes gigabytes of memory and hours.
+MOST_TETRAHEDRA = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,7 @@ def mesh_organs(
     say = on_progress or (lambda line: None)
     module = require_mesher(options.tool)
     say("checking the surfaces")
+    _refuse_too_many(solids, options)
     regions = regions_of(solids, options)
     attempts = _Attempts(module, regions, options, time.monotonic() + options.time_limit, say, cancelled)
     scale = 1.0
@@ -189,6 +192,22 @@ class _Attempts:
             )
             raise MeshingError(msg) from broken
         raise broken
+
+
+def _refuse_too_many(solids: Sequence[Solid], options: MeshOptions) -> None:
+    """Refuse a mesh that would fill the memory before it is begun."""
+    # A wall is as thick as one element or more; a regular tetrahedron has 0.118 of its edge's cube.
+    size = min(options.size, options.wall or np.inf)
+    volumes = [
+        solid.surface.volume() if options.wall is None else solid.surface.area() * options.wall for solid in solids
+    ]
+    number = sum(volumes) / (0.118 * size**3)
+    if number > MOST_TETRAHEDRA:
+        msg = (
+            f"Elements of {size:g} mm would be about {number:.2g} tetrahedra, more than the {MOST_TETRAHEDRA:.0e} that "
+            "can be handled; choose larger elements" + (", or a thicker wall." if options.wall is not None else ".")
+        )
+        raise ValueError(msg)
 
 
 def mesher_name(tool: str) -> str:

@@ -62,3 +62,27 @@ def ascii_names(names: Iterable[str], *, longest: int = 60) -> dict[str, str]:
             tried = f"{plain}_{number}"
         found[name] = tried
     return found
+
+
+def one_line_names(names: Iterable[str], *, longest: int = 100) -> list[str]:
+    """Different names in one line each, without quotation marks.
+
+    Parameters
+    ----------
+    names : iterable of str
+    longest : int
+        Length of the longest one: gmsh reads names of up to 127 letters.
+
+    Returns
+    -------
+    list of str
+    """
+    found: list[str] = []
+    for name in names:
+        plain = " ".join(name.replace('"', "'").split())[:longest]
+        number, tried = 1, plain
+        while tried in found:
+            number += 1
+            tried = f"{plain} {number}"
+        found.append(tried)
+    return found

@@ -65,6 +65,23 @@ class JobError(Exception):
     """The job cannot be done; the message is for the user."""
 
 
+def nothing_left(name: str) -> str:
+    """Say that an organ lies wholly inside of others."""
+    return (
+        f"Nothing is left of {name}: it lies inside of the organs and lumens that were named before it. Name it before "
+        "the organ that holds it, or leave it out; vic-registration gaps tells how the organs lie to each other."
+    )
+
+
+def miscut(tool: str, name: str) -> str:
+    """Say that a solid could not be cut where it meets others."""
+    return (
+        f"{tool} could not cut {name} where it meets its neighbours: they overlap too much or have most of their "
+        "surfaces in common. Look at vic-registration gaps, correct the surfaces, take another wall, or mesh the "
+        "organs one by one."
+    )
+
+
 def main(work: Callable[[Workplace], None], *, name: str) -> int:
     """Do the job named on the command line.
 

@@ -19,6 +19,8 @@ Problem = Union[SelfWeight, InnerPressure]
 SMALL_STRAIN = 0.05
 # Resultant of a pressure, relative to the forces that make it up, up to which its surface counts as closed.
 _CLOSED = 1e-6
+# Beyond this numbers lose their meaning, mN at a node.
+_LARGEST_LOAD = 1e15
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +110,9 @@ def solve(
     say("assembling")
     elements = FiniteElements(mesh)
     load = _load(elements, problem, material)
+    if not np.abs(load).max(initial=0.0) < _LARGEST_LOAD:
+        msg = f"The load reaches {np.abs(load).max():.3g} mN at a node; no tissue bears that. Give a smaller load."
+        raise ValueError(msg)
     elastic = stiffness_matrix(elements, material)
     springs = spring_matrix(elements, elements.outside, problem.foundation) if problem.foundation else None
     mass = None if problem.foundation else mass_matrix(elements)
