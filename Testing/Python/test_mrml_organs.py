@@ -228,6 +228,18 @@ def test_an_organ_is_hidden_and_shown_with_all_that_belongs_to_it(logic):
         assert isVisible(organ) is visible
         assert bool(organ.surface.GetDisplayNode().GetVisibility()) is visible
         assert bool(organ.seeds.GetDisplayNode().GetVisibility()) is visible
+        # The region is in the way of a surface; it is shown again where that is asked for.
+        assert not display.GetSegmentVisibility(organ.regionSegmentId)
+
+
+def test_before_there_is_a_surface_the_region_is_hidden_and_shown(logic):
+    from VICRegistrationLib.mrml.organ_nodes import isVisible, setVisible
+
+    organ = logic.addOrgan(mrml_scenes.add_volume(), [CENTER])
+    display = organ.regions.GetDisplayNode()
+    for visible in (False, True):
+        setVisible(organ, visible)
+        assert isVisible(organ) is visible
         assert bool(display.GetSegmentVisibility(organ.regionSegmentId)) is visible
 
 
