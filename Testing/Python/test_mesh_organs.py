@@ -189,3 +189,18 @@ def test_a_mesh_that_would_fill_the_memory_is_refused_before_it_is_begun(options
     gmsh_or_skip()
     with pytest.raises(ValueError, match=r"would be about .* tetrahedra, more than .*; choose larger elements"):
         mesh_organs([Solid("ball", closed_organ(axes=10.0 * np.eye(3)))], MeshOptions(**options))
+
+
+def test_surfaces_are_cut_into_patches_for_loads_and_contacts():
+    gmsh_or_skip()
+    ball = closed_organ(axes=10.0 * np.eye(3))
+    mesh = mesh_organs([Solid("ball", ball)], MeshOptions(size=4.0, patches=(4, 2)))
+    names = {f"ball_surface_{around}_{along}" for around in range(1, 5) for along in (1, 2)}
+    assert set(mesh.triangle_groups) == names
+    rows = np.concatenate(list(mesh.triangle_groups.values()))
+    np.testing.assert_array_equal(np.sort(rows), np.arange(len(mesh.triangles)))
+    middles = mesh.points[mesh.triangles[:, :3]].mean(axis=1)
+    # The poles lie on the third axis, which runs from the lower to the upper half of v.
+    lower = np.concatenate([cells for name, cells in mesh.triangle_groups.items() if name.endswith("_1")])
+    upper = np.concatenate([cells for name, cells in mesh.triangle_groups.items() if name.endswith("_2")])
+    assert abs(middles[lower, 2].mean() - middles[upper, 2].mean()) > 8.0

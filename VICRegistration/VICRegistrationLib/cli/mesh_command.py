@@ -18,6 +18,8 @@ from .solids import read_solids
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
+# Formats that know ASCII names only.
+ASCII_SUFFIXES = (".inp", ".bdf")
 
 _EPILOG = f"""\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is LPS mm; its ending chooses the format:
@@ -25,7 +27,8 @@ SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is LPS m
   .vtu   VTK, ParaView       .bdf   Nastran (solid elements only)
   .med   Salome, Code_Aster
 with groups for loads and contacts: NAME (or NAME_wall) of tetrahedra; NAME_surface (or NAME_inside and NAME_outside)
-and NAME_OTHER_interface of triangles. FILE's name with .quality.json gets the report that is printed.
+and NAME_OTHER_interface of triangles; --patches 4x3 cuts surfaces into NAME_surface_I_J, four around the organ and
+three from pole to pole. FILE's name with .quality.json gets the report that is printed.
 
 --wall makes organs hollow: the surface is that of the lumen, and the wall lies outside of it. Several organs are one
 mesh with common nodes where they touch; where they overlap, the place belongs to the one that is named first, and
@@ -60,6 +63,12 @@ def add_parser(subparsers, add_command: Callable) -> None:
     inside.add_argument("--tool", choices=TOOLS, help="program that makes the mesh (default: gmsh)")
     inside.add_argument("--wall", metavar="MM", type=_number, help="thickness of the wall of hollow organs")
     inside.add_argument(
+        "--patches",
+        metavar="4x3",
+        type=_patches,
+        help="cut each surface's group into so many patches, around the organ and from pole to pole",
+    )
+    inside.add_argument(
         "--volume-error",
         metavar="FRACTION",
         type=_number,
@@ -90,7 +99,7 @@ def run(options: argparse.Namespace) -> None:
     target = Path(values.folder(options.output))
     chosen = {
         word: getattr(options, word)
-        for word in ("order", "tool", "wall", "volume_error")
+        for word in ("order", "tool", "wall", "patches", "volume_error")
         if getattr(options, word) is not None
     }
     _check_target(target, options, chosen)
@@ -139,6 +148,7 @@ def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say
     from ..meshing.formats import write_tetrahedra
     from ..meshing.quality import quality
     from ..meshing.tetrahedra import mesh_organs
+    from ..meshing.text_tables import ascii_names
 
     mesh = mesh_organs(solids, settings, on_progress=say)
     report = quality(mesh)
@@ -146,6 +156,9 @@ def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say
     write_tetrahedra(mesh, draft)
     notes = list(mesh.notes)
     used = {"size": settings.size, "order": settings.order, "tool": settings.tool, "wall": settings.wall}
+    if draft.suffix.lower() in ASCII_SUFFIXES:
+        # What the organs are called in the file, where that is not what they are called here.
+        used["names_in_file"] = ascii_names([*mesh.tetrahedron_groups, *mesh.triangle_groups])
     return report.lines() + [f"note: {note}" for note in notes], {**used, **report.as_json(), "notes": notes}
 
 
@@ -162,6 +175,15 @@ def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say)
         {".stl": write_stl, ".ply": write_ply}[draft.suffix.lower()](mesh, draft, name=solid.name)
     report = triangle_quality(mesh.points, mesh.triangles)
     return report.lines(), {"size": settings.size, **asdict(report)}
+
+
+def _patches(text: str) -> tuple[int, int]:
+    """Read two numbers such as 4x3."""
+    around, cross, along = text.partition("x")
+    if not (cross and around.isdecimal() and along.isdecimal()):
+        msg = f"{text!r} was given; patches are two whole numbers such as 4x3"
+        raise argparse.ArgumentTypeError(msg)
+    return int(around), int(along)
 
 
 def _number(text: str) -> float:

@@ -135,6 +135,51 @@ def surface_groups(
     return np.concatenate(parts), groups
 
 
+def patch_groups(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    surfaces: Mapping[str, BSplineSurface],
+    patches: tuple[int, int],
+) -> dict[str, np.ndarray]:
+    """Cut the groups of surfaces into patches by the parameters of their triangles' middles.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    triangles : (t, 3 or 6) ndarray of int
+    groups : mapping of name to ndarray of int
+        Rows of `triangles`, as :func:`surface_groups` makes them.
+    surfaces : mapping of name to BSplineSurface
+        Those of the groups to be cut; the others stay whole.
+    patches : (around, along)
+        Number of equal steps of u and of v.
+
+    Returns
+    -------
+    dict of str to ndarray of int
+        NAME_I_J in place of NAME, I counted in u and J in v from 1; patches without a triangle are left out.
+    """
+    if tuple(patches) == (1, 1):
+        return dict(groups)
+    found: dict[str, np.ndarray] = {}
+    for name, rows in groups.items():
+        if name not in surfaces:
+            found[name] = rows
+            continue
+        middles = points[triangles[rows][:, :3]].mean(axis=1)
+        parameters = closest_points(surfaces[name], middles).parameters
+        low, high = np.array(surfaces[name].domain).T
+        counts = np.asarray(patches)
+        step = np.clip(np.floor((parameters - low) / (high - low) * counts), 0, counts - 1).astype(int)
+        for around, along in np.ndindex(*counts):
+            here = rows[(step == (around, along)).all(axis=1)]
+            if len(here):
+                found[f"{name}_{around + 1}_{along + 1}"] = here
+    return found
+
+
 def _reversed(faces: np.ndarray) -> np.ndarray:
     """Faces with the other side in front."""
     return faces[:, [0, 2, 1]] if faces.shape[1] == 3 else faces[:, [0, 2, 1, 5, 4, 3]]

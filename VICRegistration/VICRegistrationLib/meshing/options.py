@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 TOOLS = ("gmsh", "netgen")
+MOST_PATCHES = 32
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,9 @@ class MeshOptions:
     wall : float, optional
         Thickness of the wall of hollow organs, mm: the surface is that of the lumen, the wall lies outside of it. The
         organs are solid if not given.
+    patches : (around, along)
+        Into how many patches each organ's surface is cut for the groups of triangles, in steps of its parameters:
+        around the tube, and from pole to pole.
     time_limit : float
         Seconds after which the program is ended.
     volume_error : float, optional
@@ -40,6 +44,7 @@ class MeshOptions:
     order: int = 1
     tool: str = "gmsh"
     wall: float | None = None
+    patches: tuple[int, int] = (1, 1)
     time_limit: float = 600.0
     volume_error: float | None = None
 
@@ -53,6 +58,9 @@ class MeshOptions:
             raise ValueError(msg)
         if self.tool not in TOOLS:
             msg = f"The mesher {self.tool!r} was asked for; choose one of {', '.join(TOOLS)}."
+            raise ValueError(msg)
+        if len(self.patches) != 2 or any(int(n) != n or not 1 <= n <= MOST_PATCHES for n in self.patches):
+            msg = f"Patches of {self.patches} were asked for; give two whole numbers from 1 to {MOST_PATCHES}."
             raise ValueError(msg)
         if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
             msg = f"A time limit of {self.time_limit:g} s was given; give a positive number of seconds."

@@ -13,7 +13,7 @@ from ..export.frames import RAS_TO_LPS
 from ..export.step import Solid
 from .conforming import Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
 from .elements import scaled_jacobians, volumes
-from .groups import surface_groups
+from .groups import patch_groups, surface_groups
 from .options import MeshOptions
 from .process import MesherBroke, MeshingError, Result, run_worker
 from .second_order import second_order
@@ -47,8 +47,8 @@ class TetrahedralMesh:
     triangles : (t, 3 or 6) ndarray of int
         Counter-clockwise seen from outside; with second order also the middles of the edges 01, 12 and 20.
     triangle_groups : dict of str to ndarray of int
-        Rows of `triangles`: NAME_surface, or NAME_inside and NAME_outside of a wall; and A_B_interface where two
-        groups of tetrahedra meet. Every triangle is in one group.
+        Rows of `triangles`: NAME_surface, or NAME_inside and NAME_outside of a wall, or NAME_surface_I_J of their
+        patches; and A_B_interface where two groups of tetrahedra meet. Every triangle is in one group.
     exact_volumes : dict of str to float
         Volumes of the exact solids by group of tetrahedra, mm^3.
     notes : tuple of str
@@ -105,8 +105,8 @@ def mesh_organs(
     say = on_progress or (lambda line: None)
     module = require_mesher(options.tool)
     say("checking the surfaces")
-    _refuse_too_many(solids, options)
     regions = regions_of(solids, options)
+    _refuse_too_many(regions, options)
     attempts = _Attempts(module, regions, options, time.monotonic() + options.time_limit, say, cancelled)
     scale = 1.0
     for last in (False,) * (_TRIES - 1) + (True,):
@@ -118,7 +118,7 @@ def mesh_organs(
             _refuse_volume(draft.off, regions, options)
         # The difference goes with the square of the size.
         scale *= max(np.sqrt(0.8 * options.volume_error / worst), 0.5)
-    return _assembled(draft, regions)
+    return _assembled(draft, regions, options.patches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,14 +194,11 @@ class _Attempts:
         raise broken
 
 
-def _refuse_too_many(solids: Sequence[Solid], options: MeshOptions) -> None:
+def _refuse_too_many(regions: Sequence[Region], options: MeshOptions) -> None:
     """Refuse a mesh that would fill the memory before it is begun."""
     # A wall is as thick as one element or more; a regular tetrahedron has 0.118 of its edge's cube.
     size = min(options.size, options.wall or np.inf)
-    volumes = [
-        solid.surface.volume() if options.wall is None else solid.surface.area() * options.wall for solid in solids
-    ]
-    number = sum(volumes) / (0.118 * size**3)
+    number = sum(region.volume for region in regions) / (0.118 * size**3)
     if number > MOST_TETRAHEDRA:
         msg = (
             f"Elements of {size:g} mm would be about {number:.2g} tetrahedra, more than the {MOST_TETRAHEDRA:.0e} that "
@@ -284,13 +281,15 @@ def _refuse_volume(off: np.ndarray, regions: Sequence[Region], options: MeshOpti
     raise MeshingError(msg)
 
 
-def _assembled(draft: _Draft, regions: Sequence[Region]) -> TetrahedralMesh:
+def _assembled(draft: _Draft, regions: Sequence[Region], patches: tuple[int, int]) -> TetrahedralMesh:
     """Put cells in the order of their regions and find the groups of triangles."""
     order = np.argsort(draft.region, kind="stable")
     points, tetrahedra, region = draft.points, draft.tetrahedra[order], draft.region[order]
     groups = {item.group: np.flatnonzero(region == number) for number, item in enumerate(regions)}
     names = [item.name for item in regions]
-    triangles, triangle_groups = surface_groups(points, tetrahedra, groups, surfaces_of(regions), names=names)
+    surfaces = surfaces_of(regions)
+    triangles, triangle_groups = surface_groups(points, tetrahedra, groups, surfaces, names=names)
+    triangle_groups = patch_groups(points, triangles, triangle_groups, surfaces, patches)
     jacobian, notes = scaled_jacobians(points, tetrahedra), draft.notes
     worst = int(np.argmin(jacobian))
     if jacobian[worst] < LEAST_QUALITY:
