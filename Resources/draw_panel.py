@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QHBoxLayout,
     QHeaderView,
+    QLineEdit,
     QSlider,
     QStyle,
     QStyleOptionButton,
@@ -173,6 +174,7 @@ LOOKALIKES = {
     "qSlicerMarkupsPlaceWidget": PlaceButtons,
     "ctkCollapsibleButton": Section,
     "ctkSliderWidget": Slider,
+    "ctkPathLineEdit": QLineEdit,
     "ctkRangeWidget": Range,
 }
 

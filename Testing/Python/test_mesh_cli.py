@@ -118,3 +118,24 @@ def test_help_tells_formats_and_groups(capsys):
     shown = capsys.readouterr().out
     for word in (".msh", ".vtu", ".inp", ".bdf", ".med", "NAME_inside", "--wall", "--order", "--tool", "--time-limit"):
         assert word in shown
+
+
+def test_patches_and_the_names_in_an_abaqus_file_are_told(organ, tmp_path):
+    target = tmp_path / "b.inp"
+    assert mesh(organ, "--size", 8, "--patches", "2x3", "--output", target, "--quiet") == 0
+    report = json.loads((tmp_path / "b.inp.quality.json").read_text())
+    assert {"bladder_surface_1_1", "bladder_surface_2_3"} <= set(report["surfaces"])
+    assert report["names_in_file"]["bladder_surface_1_1"] == "bladder_surface_1_1"
+    assert "bladder_surface_2_3" in target.read_text(encoding="ascii")
+
+
+@pytest.mark.parametrize(("words", "told"), [("4", "such as 4x3"), ("0x2", "whole numbers from 1 to")])
+def test_patches_that_make_no_sense_are_refused(organ, tmp_path, capsys, words, told):
+    gmsh_or_skip()
+    try:
+        code = cli.main(["mesh", str(organ), "--patches", words, "--output", str(tmp_path / "b.msh")])
+    except SystemExit as end:
+        code = end.code
+    assert code == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "b.msh").exists()
