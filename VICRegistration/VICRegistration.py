@@ -63,10 +63,11 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
     """Ties the life of the panel to that of the module and the scene."""
 
     def __init__(self, parent=None):
-        ScriptedLoadableModuleWidget.__init__(self, parent)
         VTKObservationMixin.__init__(self)
         self.logic = self.panel = self.ui = None
         self._reopen = False
+        # Last: without a parent it builds the panel at once.
+        ScriptedLoadableModuleWidget.__init__(self, parent)
 
     def setup(self):
         """Build the panel."""
@@ -84,8 +85,8 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.addObserver(scene, event, self.onSceneGoes)
         for event in (scene.EndCloseEvent, scene.EndImportEvent):
             self.addObserver(scene, event, self.onSceneCame)
-        if self.parent.isEntered:
-            # After a reload Slicer does not enter the module again.
+        if getattr(self.parent, "isEntered", True):
+            # After a reload Slicer does not enter the module again; and a panel without a module is never entered.
             self.panel.open()
 
     def enter(self):
