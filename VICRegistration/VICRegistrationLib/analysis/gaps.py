@@ -192,7 +192,7 @@ class _Side:
         self.surface, self.other, self.turned = surface, other, turned
         self.low, self.high = np.array(surface.domain).T
         axes = [
-            _subdivided(bspline.span_limits(degree, knots), least)
+            bspline.subdivided(bspline.span_limits(degree, knots), per_span=4, least=least)
             for degree, knots, least in zip(surface.degrees, (surface.knots_u, surface.knots_v), _SAMPLES)
         ]
         grid = surface.grid(*axes)
@@ -275,10 +275,3 @@ class _Side:
         if self.turned:
             points, parameters = points[::-1], parameters[::-1]
         return Place(abs(found.distance), *(tuple(map(tuple, values.tolist())) for values in (points, parameters)))
-
-
-def _subdivided(limits: np.ndarray, least: int) -> np.ndarray:
-    """Span limits with equal steps between each two: at least four, and at least so many in all."""
-    per_span = max(4, -(-least // (len(limits) - 1)))
-    inner = limits[:-1, None] + np.diff(limits)[:, None] * (np.arange(per_span) / per_span)
-    return np.append(inner.ravel(), limits[-1])

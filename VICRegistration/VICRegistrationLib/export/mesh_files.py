@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 
 import numpy as np
-from vtkmodules.vtkCommonCore import vtkObject, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
 from ..files import reason, replacing
@@ -19,6 +19,7 @@ from ..geometry.surface_file import SurfaceRecord
 from ..geometry.triangulation import TriangleMesh, triangulate
 from .frames import RAS_TO_LPS
 from .surface_data import add_surface, add_text, polydata_of_mesh, surface_in
+from .vtk_xml import silent_vtk, xml_text
 
 MESH_SUFFIXES = (".stl", ".ply", ".vtp")
 DEFAULT_CHORD_ERROR = 0.05
@@ -82,14 +83,9 @@ def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLi
     data = polydata_of_mesh(mesh, axes=RAS_TO_LPS)
     add_text(data, "SPACE", "LPS")
     add_surface(data, surface, name=name)
-    writer = vtkXMLPolyDataWriter()
-    writer.SetInputData(data)
-    writer.SetDataModeToBinary()
-    # Into memory first: a full disk is then noticed by Python, which says so.
-    writer.WriteToOutputStringOn()
-    writer.Write()
+    text = xml_text(vtkXMLPolyDataWriter(), data)
     with replacing(path) as draft:
-        draft.write_text(writer.GetOutputString(), encoding="utf-8")
+        draft.write_text(text, encoding="utf-8")
 
 
 def read_vtp_surface(path: str | os.PathLike) -> BSplineSurface:
@@ -215,11 +211,6 @@ def _field_data(path: Path):
     """Field data of a VTP file; empty if it is none."""
     reader = vtkXMLPolyDataReader()
     reader.SetFileName(str(path))
-    shown = vtkObject.GetGlobalWarningDisplay()
-    # What is wrong is told by the caller, in one sentence.
-    vtkObject.SetGlobalWarningDisplay(0)
-    try:
+    with silent_vtk():
         reader.Update()
-    finally:
-        vtkObject.SetGlobalWarningDisplay(shown)
     return reader.GetOutput().GetFieldData()

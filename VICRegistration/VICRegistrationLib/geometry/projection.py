@@ -116,7 +116,7 @@ class _Samples:
     @classmethod
     def of(cls, surface: BSplineSurface, least: tuple[int, int]) -> _Samples:
         axes = [
-            _subdivided(bspline.span_limits(degree, knots), number)
+            bspline.subdivided(bspline.span_limits(degree, knots), per_span=4, least=number)
             for degree, knots, number in zip(surface.degrees, (surface.knots_u, surface.knots_v), least)
         ]
         grid = surface.grid(*axes)
@@ -135,14 +135,6 @@ class _Samples:
             np.add.outer(block_u * _BLOCKS[1], block_v)[keep],
             float(np.hypot(*steps)) / 2.0,
         )
-
-
-def _subdivided(limits: np.ndarray, least: int) -> np.ndarray:
-    """Span limits with equal steps between each two: at least four, and at least so many in all."""
-    per_span = max(4, -(-least // (len(limits) - 1)))
-    fractions = np.arange(per_span) / per_span
-    inner = limits[:-1, None] + np.diff(limits)[:, None] * fractions
-    return np.append(inner, limits[-1])
 
 
 def _further_starts(samples: _Samples, points, distances, first_block, starts):
@@ -213,7 +205,7 @@ class _Track:
         self.low, self.high = np.array(surface.domain).T
         self.wraps = np.array([surface.closed_u, surface.closed_v])
         self.tolerance = 1e-12 * surface.size
-        u = _subdivided(bspline.span_limits(surface.degrees[0], surface.knots_u), 64)
+        u = bspline.subdivided(bspline.span_limits(surface.degrees[0], surface.knots_u), per_span=4, least=64)
         self.poles = []
         for pole, v, inward in zip(surface.poles, (self.low[1], self.high[1]), (1.0, -1.0)):
             if pole:

@@ -151,10 +151,7 @@ def _faulty_turn(offsets: np.ndarray) -> int | None:
 def _samples(surface: BSplineSurface, axis: int, least: int, *, middles: bool = True) -> np.ndarray:
     """Parameters along an axis, equally many in every span: middles of equal steps, or their ends."""
     limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    per_span = max(4, -(-least // (len(limits) - 1)))
-    fractions = (np.arange(per_span) + (0.5 if middles else 0.0)) / per_span
-    inner = (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
-    return inner if middles else np.append(inner, limits[-1])
+    return bspline.subdivided(limits, per_span=4, least=least, middles=middles)
 
 
 def _normal_problem(surface: BSplineSurface) -> Problem | None:

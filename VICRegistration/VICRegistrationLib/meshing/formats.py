@@ -24,6 +24,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from ..export.frames import RAS_TO_LPS
+from ..export.vtk_xml import xml_text
 from ..files import replacing
 from .abaqus import abaqus_text
 from .msh import msh_text
@@ -31,7 +32,8 @@ from .nastran import nastran_text
 from .process import MeshingError, run_worker
 from .tetrahedra import TetrahedralMesh, require_mesher
 
-_VTK_TYPES = {3: 5, 6: 22, 4: 10, 10: 24}
+# Kinds of cells by their number of nodes: triangles and tetrahedra, linear and second order.
+VTK_TYPES = {3: 5, 6: 22, 4: 10, 10: 24}
 
 
 def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> None:
@@ -89,7 +91,7 @@ def vtu_grid(mesh: TetrahedralMesh) -> vtkUnstructuredGrid:
     points.SetData(numpy_to_vtk(mesh.points * RAS_TO_LPS, deep=True))
     kinds = [cells for cells in (mesh.tetrahedra, mesh.triangles) if len(cells)]
     sizes = np.concatenate([np.full(len(cells), cells.shape[1]) for cells in kinds])
-    types = np.concatenate([np.full(len(cells), _VTK_TYPES[cells.shape[1]], dtype=np.uint8) for cells in kinds])
+    types = np.concatenate([np.full(len(cells), VTK_TYPES[cells.shape[1]], dtype=np.uint8) for cells in kinds])
     array = vtkCellArray()
     array.SetData(
         numpy_to_vtkIdTypeArray(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), deep=True),
@@ -117,13 +119,7 @@ def vtu_grid(mesh: TetrahedralMesh) -> vtkUnstructuredGrid:
 
 
 def _vtu(mesh: TetrahedralMesh) -> bytes:
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.SetInputData(vtu_grid(mesh))
-    writer.SetDataModeToBinary()
-    # Into memory first: a full disk is then noticed by Python, which says so.
-    writer.WriteToOutputStringOn()
-    writer.Write()
-    return writer.GetOutputString().encode("utf-8")
+    return xml_text(vtkXMLUnstructuredGridWriter(), vtu_grid(mesh)).encode("utf-8")
 
 
 def _med(mesh: TetrahedralMesh) -> bytes:

@@ -7,18 +7,13 @@ import sys
 import gmsh
 import numpy as np
 
-from .elements import scaled_jacobians
-from .worker import JobError, Workplace, main, miscut, nothing_left
+from .worker import JobError, Workplace, best_mesh, check_cut, check_left, claimants, main
 
 # Programs for the surfaces and for the inside, and a factor on the sizes: tried in turn until a mesh is good.
 _WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
 _TRIANGLE, _TETRAHEDRON = 2, 4
 # Sizes come from nothing but what is set here.
 _FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
-# Relative difference of volumes at which a cut has failed.
-_MISCUT = 1e-3
-# Another way is tried only while so much of the time limit is left.
-_TIME_FOR_TRIES = 0.3
 
 
 def work(place: Workplace) -> None:
@@ -38,21 +33,11 @@ def work(place: Workplace) -> None:
         _cover(place)
         return
     regions, volumes = _build(place)
-    best = None
-    for number, way in enumerate(_WAYS, start=1):
-        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
-        found = _mesh(place, regions, way)
-        if found is None:
-            continue
-        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
-        if best is None or least > best[0]:
-            best = least, found
-        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
-            break
+    best = best_mesh(place, _WAYS, lambda way: _mesh(place, regions, way))
     if best is None:
         msg = "gmsh returned no tetrahedra; choose another element size or --tool netgen."
         raise JobError(msg)
-    place.finish(best[1], {"volumes": volumes})
+    place.finish(best, {"volumes": volumes})
 
 
 def _convert(place: Workplace) -> None:
@@ -96,10 +81,7 @@ def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
     place.progress("cutting the solids")
     volumes, bodies = [], []
     for number, outer in enumerate(outers):
-        # Who is named first keeps what is claimed twice, but lumens stay free of everybody's wall.
-        others = list(zip(names, outers[:number]))
-        others += [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
-        others = [(name, tool) for name, tool in others if _meet(outer, tool)]
+        others = [(name, tool) for name, tool in claimants(names, outers, lumens, number) if _meet(outer, tool)]
         volumes.append(_claims(outer, lumens[number : number + 1], others))
         bodies.append(_minus(outer, [tool for _, tool in others]))
     used = {tag for body in bodies for tag in body} | set(lumens)
@@ -108,7 +90,8 @@ def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
     regions = _joined(bodies, lumens)
     gmsh.model.occ.synchronize()
     for name, region, told in zip(names, regions, volumes):
-        _check_region(name, region, told)
+        check_left(name, told["whole"] - sum(told["given"].values()), told["whole"])
+        check_cut("gmsh", name, [gmsh.model.occ.getMass(3, tag) for tag in region], told)
     return regions, volumes
 
 
@@ -124,18 +107,6 @@ def _claims(outer: int, lumen: list[int], others: list[tuple[str, int]]) -> dict
         now = _volume(left)
         given[name], last = last - now, now
     return {"whole": whole, "given": given}
-
-
-def _check_region(name: str, region: list[int], told: dict) -> None:
-    """Refuse what Open CASCADE has cut wrongly."""
-    kept = told["whole"] - sum(told["given"].values())
-    if kept <= _MISCUT * told["whole"]:
-        msg = nothing_left(name)
-        raise JobError(msg)
-    parts = [gmsh.model.occ.getMass(3, tag) for tag in region]
-    if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
-        msg = miscut("gmsh", name)
-        raise JobError(msg)
 
 
 def _solid(place: Workplace, name: str) -> int:

@@ -8,9 +8,10 @@ from ..export.frames import RAS_TO_LPS
 from .tetrahedra import TetrahedralMesh
 from .text_tables import one_line_names, rows_text
 
-_KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
+# Kinds of cells by their number of nodes: triangles and tetrahedra, linear and second order.
+MSH_KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
 # gmsh numbers the middles of the last two edges of a tetrahedron the other way round.
-_ORDER = {10: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
+MSH_ORDER = {10: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
 
 
 def msh_text(mesh: TetrahedralMesh) -> str:
@@ -62,7 +63,7 @@ def _elements(parts) -> str:
     for dim, tag, _, cells in parts:
         width = cells.shape[1]
         numbers = np.arange(start, start + len(cells))
-        blocks.append(f"{dim} {tag} {_KINDS[width]} {len(cells)}\n")
-        blocks.append(rows_text(np.column_stack([numbers, cells[:, _ORDER.get(width, slice(None))] + 1]), "%d"))
+        blocks.append(f"{dim} {tag} {MSH_KINDS[width]} {len(cells)}\n")
+        blocks.append(rows_text(np.column_stack([numbers, cells[:, MSH_ORDER.get(width, slice(None))] + 1]), "%d"))
         start += len(cells)
     return "".join([*blocks, "$EndElements\n"])

@@ -8,15 +8,10 @@ import numpy as np
 from netgen import occ
 from netgen.meshing import MeshingParameters
 
-from .elements import scaled_jacobians
-from .worker import JobError, Workplace, main, miscut, nothing_left
+from .worker import JobError, Workplace, best_mesh, check_cut, check_left, claimants, main
 
 # Factor on the sizes and rounds of improvement: tried in turn until a mesh is good.
 _WAYS = ((1.0, 3), (0.95, 6), (0.88, 6))
-# Relative difference of volumes at which a cut has failed.
-_MISCUT = 1e-3
-# Another way is tried only while so much of the time limit is left.
-_TIME_FOR_TRIES = 0.3
 # Netgen numbers the corners of tetrahedra the other way round.
 _TURNED = [0, 2, 1, 3]
 # Points that the sizes are prescribed at: more do not help, and every one costs.
@@ -31,21 +26,11 @@ def work(place: Workplace) -> None:
     place : Workplace
     """
     shape, numbers, volumes = _build(place)
-    best = None
-    for number, (factor, rounds) in enumerate(_WAYS, start=1):
-        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
-        found = _mesh(place, shape, numbers, factor, rounds)
-        if found is None:
-            continue
-        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
-        if best is None or least > best[0]:
-            best = least, found
-        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
-            break
+    best = best_mesh(place, _WAYS, lambda way: _mesh(place, shape, numbers, *way))
     if best is None:
         msg = "Netgen returned no tetrahedra; choose another element size or --tool gmsh."
         raise JobError(msg)
-    place.finish(best[1], {"volumes": volumes})
+    place.finish(best, {"volumes": volumes})
 
 
 def _build(place: Workplace):
@@ -62,19 +47,14 @@ def _build(place: Workplace):
     for number, outer in enumerate(outers):
         left = outer - lumens[number] if lumens else outer
         whole, given = _volume(left), {}
-        # Who is named first keeps what is claimed twice, but lumens stay free of everybody's wall. What is cut off are
-        # whole organs, as Open CASCADE errs with hollow ones; the sum is the same.
-        others = list(zip(names, outers[:number]))
-        others += [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
-        for name, tool in others:
+        # What is cut off are whole organs, as Open CASCADE errs with hollow ones; the sum is the same.
+        for name, tool in claimants(names, outers, lumens, number):
             if _meet(outer, tool):
                 before = _volume(left)
                 left = left - tool
                 given[name] = before - _volume(left)
+        check_left(names[number], _volume(left), whole)
         kept = list(left.solids)
-        if _volume(left) <= _MISCUT * whole:
-            msg = nothing_left(names[number])
-            raise JobError(msg)
         for solid in kept:
             solid.name = f"region{number}"
         pieces += kept
@@ -83,10 +63,7 @@ def _build(place: Workplace):
     numbers = [int(solid.name[len("region") :]) for solid in shape.solids]
     for number, told in enumerate(volumes):
         parts = [solid.mass for solid, mine in zip(shape.solids, numbers) if mine == number]
-        kept = told["whole"] - sum(told["given"].values())
-        if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
-            msg = miscut("Netgen", names[number])
-            raise JobError(msg)
+        check_cut("Netgen", names[number], parts, told)
     return shape, numbers, volumes
 
 

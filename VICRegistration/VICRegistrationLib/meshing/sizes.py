@@ -128,9 +128,7 @@ def _on_surface(surface: BSplineSurface, size: float, order: int, volume_error: 
 def _middles(surface: BSplineSurface, axis: int) -> np.ndarray:
     """Parameters inside the knot spans, at least as many as wanted along the axis."""
     limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    per_span = max(3, -(-_SAMPLES[axis] // (len(limits) - 1)))
-    fractions = (np.arange(per_span) + 0.5) / per_span
-    return (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
+    return bspline.subdivided(limits, per_span=3, least=_SAMPLES[axis], middles=True)
 
 
 def _graded(points: np.ndarray, sizes: np.ndarray, places: np.ndarray, size: float, *, slack: float) -> np.ndarray:

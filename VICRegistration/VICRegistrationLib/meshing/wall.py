@@ -131,8 +131,7 @@ def _offset_points_inside(surface: BSplineSurface, u: np.ndarray, v: np.ndarray,
 def _spread(surface: BSplineSurface, axis: int, per_span: int) -> np.ndarray:
     """Parameters inside every knot span, never on a knot."""
     limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    fractions = (np.arange(per_span) + 0.5) / per_span
-    return (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
+    return bspline.subdivided(limits, per_span=per_span, middles=True)
 
 
 def _told(place: np.ndarray) -> str:

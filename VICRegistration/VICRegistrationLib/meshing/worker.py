@@ -1,4 +1,4 @@
-"""What the workers have in common: reading the job, leaving a result or one sentence."""
+"""What the workers have in common: reading the job, trying ways to mesh, leaving a result or one sentence."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from .elements import scaled_jacobians
 from .process import ERROR, NOTES, PROGRESS, RESULT
+
+# Relative difference of volumes at which a cut has failed.
+_MISCUT = 1e-3
+# Another way is tried only while no more of the time limit than this is spent.
+_TIME_FOR_TRIES = 0.3
 
 
 class Workplace:
@@ -65,21 +71,76 @@ class JobError(Exception):
     """The job cannot be done; the message is for the user."""
 
 
-def nothing_left(name: str) -> str:
-    """Say that an organ lies wholly inside of others."""
-    return (
-        f"Nothing is left of {name}: it lies inside of the organs and lumens that were named before it. Name it before "
-        "the organ that holds it, or leave it out; vic-registration gaps tells how the organs lie to each other."
-    )
+def best_mesh(place: Workplace, ways: Sequence, mesh: Callable[..., dict | None]) -> dict | None:
+    """Mesh in one way after the other until a mesh is good or the time is short.
+
+    Parameters
+    ----------
+    place : Workplace
+    ways : sequence
+        What `mesh` is called with.
+    mesh : callable
+        Returns ``points``, ``tetrahedra`` and ``regions``, or None if there are no tetrahedra.
+
+    Returns
+    -------
+    dict or None
+        The mesh with the largest least scaled Jacobian.
+    """
+    best = None
+    for number, way in enumerate(ways, start=1):
+        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
+        found = mesh(way)
+        if found is None:
+            continue
+        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
+        if best is None or least > best[0]:
+            best = least, found
+        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
+            break
+    return None if best is None else best[1]
 
 
-def miscut(tool: str, name: str) -> str:
-    """Say that a solid could not be cut where it meets others."""
-    return (
-        f"{tool} could not cut {name} where it meets its neighbours: they overlap too much or have most of their "
-        "surfaces in common. Look at vic-registration gaps, correct the surfaces, take another wall, or mesh the "
-        "organs one by one."
-    )
+def claimants(names: Sequence[str], outers: Sequence, lumens: Sequence, number: int) -> list[tuple]:
+    """Solids that have a prior claim on what a region fills, with their names.
+
+    Who is named first keeps what is claimed twice, but lumens stay free of everybody's wall.
+    """
+    before = list(zip(names, outers[:number]))
+    return before + [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
+
+
+def check_left(name: str, volume: float, whole: float) -> None:
+    """Refuse a region of which others take everything."""
+    if volume <= _MISCUT * whole:
+        msg = (
+            f"Nothing is left of {name}: it lies inside of the organs and lumens that were named before it. Name it "
+            "before the organ that holds it, or leave it out; vic-registration gaps tells how the organs lie to each "
+            "other."
+        )
+        raise JobError(msg)
+
+
+def check_cut(tool: str, name: str, parts: Sequence[float], told: Mapping) -> None:
+    """Refuse what Open CASCADE has cut wrongly.
+
+    Parameters
+    ----------
+    tool, name : str
+        The mesher, and the region.
+    parts : sequence of float
+        Volumes of the region's solids.
+    told : mapping
+        ``whole``, the region's volume before it was cut, and ``given``, what it gave up to whom.
+    """
+    kept = told["whole"] - sum(told["given"].values())
+    if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
+        msg = (
+            f"{tool} could not cut {name} where it meets its neighbours: they overlap too much or have most of their "
+            "surfaces in common. Look at vic-registration gaps, correct the surfaces, take another wall, or mesh the "
+            "organs one by one."
+        )
+        raise JobError(msg)
 
 
 def main(work: Callable[[Workplace], None], *, name: str) -> int:

@@ -9,19 +9,18 @@ from pathlib import Path
 
 import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkObject, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 from ..export.frames import RAS_TO_LPS
+from ..export.vtk_xml import silent_vtk
 from ..files import reason
 from ..meshing.elements import scaled_jacobians
+from ..meshing.formats import VTK_TYPES
+from ..meshing.msh import MSH_KINDS, MSH_ORDER
 from ..meshing.tetrahedra import TetrahedralMesh
 
-# Numbers of the kinds of cells: nodes of triangles and tetrahedra, linear and second order.
-_VTK_KINDS = {5: 3, 22: 6, 10: 4, 24: 10}
-_MSH_KINDS = {2: 3, 9: 6, 4: 4, 11: 10}
-# gmsh counts the middles of the edges 23 and 13 the other way round.
-_FROM_MSH = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
+_MSH_NODES = {kind: nodes for nodes, kind in MSH_KINDS.items()}
 
 
 def read_mesh(path: str | os.PathLike) -> TetrahedralMesh:
@@ -94,13 +93,8 @@ def _read_vtu(content: bytes):
     reader = vtkXMLUnstructuredGridReader()
     reader.ReadFromInputStringOn()
     reader.SetInputString(content.decode("utf-8", "surrogateescape"))
-    shown = vtkObject.GetGlobalWarningDisplay()
-    # What is wrong is told by the caller, in one sentence.
-    vtkObject.SetGlobalWarningDisplay(0)
-    try:
+    with silent_vtk():
         reader.Update()
-    finally:
-        vtkObject.SetGlobalWarningDisplay(shown)
     grid = reader.GetOutput()
     if not grid.GetNumberOfCells():
         return np.zeros((0, 3)), {}, {}
@@ -111,7 +105,7 @@ def _read_vtu(content: bytes):
     connectivity = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64)
     names = _cell_names(grid)
     cells, groups = {}, {}
-    for kind, nodes in _VTK_KINDS.items():
+    for nodes, kind in VTK_TYPES.items():
         rows = np.flatnonzero(kinds == kind)
         if len(rows):
             cells[nodes] = connectivity[offsets[rows][:, None] + np.arange(nodes)]
@@ -161,9 +155,10 @@ def _read_msh(content: bytes):
     row[tags] = np.arange(len(tags))
     names = _msh_names(sections)
     pieces: dict[int, list] = {}
-    for kind, name, nodes in _msh_elements(_Numbers(sections["Elements"]), names):
-        nodes = row[nodes]
-        pieces.setdefault(_MSH_KINDS[kind], []).append((nodes[:, _FROM_MSH] if kind == 11 else nodes, name))
+    for name, nodes in _msh_elements(_Numbers(sections["Elements"]), names):
+        width = nodes.shape[1]
+        # The order of second-order tetrahedra only swaps two nodes, so that it is its own inverse.
+        pieces.setdefault(width, []).append((row[nodes][:, MSH_ORDER.get(width, slice(None))], name))
     cells = {nodes: np.concatenate([piece for piece, _ in found]) for nodes, found in pieces.items()}
     groups = {
         nodes: _grouped(np.concatenate([np.full(len(piece), name) for piece, name in found]))
@@ -202,9 +197,10 @@ def _msh_nodes(numbers: _Numbers) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(tags), np.concatenate(points)
 
 
-def _msh_elements(numbers: _Numbers, names: Mapping[tuple[int, int], str]) -> Iterator[tuple[int, str, np.ndarray]]:
-    """Blocks of triangles and tetrahedra with the names of their groups and the tags of their nodes."""
-    widths = {15: 1, 1: 2, 8: 3, 2: 3, 9: 6, 4: 4, 11: 10}
+def _msh_elements(numbers: _Numbers, names: Mapping[tuple[int, int], str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Names of the groups of blocks of triangles and tetrahedra, and the tags of their nodes."""
+    # Points and lines are passed over.
+    widths = {15: 1, 1: 2, 8: 3, **_MSH_NODES}
     blocks, *_ = numbers.whole(4)
     for _ in range(blocks):
         dimension, entity, kind, count = numbers.whole(4)
@@ -214,8 +210,8 @@ def _msh_elements(numbers: _Numbers, names: Mapping[tuple[int, int], str]) -> It
             )
             raise ValueError(msg)
         nodes = numbers.next(count * (widths[kind] + 1)).reshape(count, -1)[:, 1:].astype(np.int64)
-        if kind in _MSH_KINDS:
-            yield kind, names.get((dimension, entity), ""), nodes
+        if kind in _MSH_NODES:
+            yield names.get((dimension, entity), ""), nodes
 
 
 def _msh_names(sections: Mapping[str, str]) -> dict[tuple[int, int], str]:

@@ -13,6 +13,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from .. import __version__
 from ..export.frames import RAS_TO_LPS
+from ..export.vtk_xml import xml_text
 from ..files import replacing
 from ..meshing.formats import vtu_grid
 from .problems import SelfWeight
@@ -53,14 +54,9 @@ def write_vtu(solution: Solution, path: str | os.PathLike) -> None:
             for number, component in enumerate(("XX", "YY", "ZZ", "XY", "YZ", "XZ")):
                 array.SetComponentName(number, component)
         grid.GetCellData().AddArray(array)
-    writer = vtkXMLUnstructuredGridWriter()
-    writer.SetInputData(grid)
-    writer.SetDataModeToBinary()
-    # Into memory first: a full disk is then noticed by Python, which says so.
-    writer.WriteToOutputStringOn()
-    writer.Write()
+    text = xml_text(vtkXMLUnstructuredGridWriter(), grid)
     with replacing(path) as draft:
-        draft.write_text(writer.GetOutputString(), encoding="utf-8")
+        draft.write_text(text, encoding="utf-8")
 
 
 def write_report(solution: Solution, path: str | os.PathLike, *, mesh: str, files: list[str]) -> None:
