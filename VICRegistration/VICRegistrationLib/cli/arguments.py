@@ -10,6 +10,7 @@ from .. import __version__
 from ..geometry.parametrization import CLOSURES
 from ..registration.solvers import SOLVERS
 from . import commands, export_command, gaps_command, mesh_command, simulate_command, values
+from .words import argument
 
 PROGRAM = "vic-registration"
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
@@ -116,7 +117,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     phantom.add_argument(
         "folder",
         metavar="DIR",
-        type=_type(values.folder),
+        type=argument(values.folder),
         help="folder for mri.nii.gz, organs.json and truth/NAME.json",
     )
     reproduce = _add_command(
@@ -125,7 +126,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     reproduce.add_argument(
         "folder",
         metavar="DIR",
-        type=_type(values.folder),
+        type=argument(values.folder),
         help="folder for a table and plots beside the paper's values",
     )
     export_command.add_parser(subparsers, _add_command)
@@ -155,19 +156,19 @@ def _add_fit(subparsers) -> None:
     )
     which = fit.add_argument_group("which organs")
     which.add_argument(
-        "--organ", metavar="NAME", type=_type(values.organ_name), help="name of the organ and of its files"
+        "--organ", metavar="NAME", type=argument(values.organ_name), help="name of the organ and of its files"
     )
     which.add_argument(
         "--seed",
         metavar="R,A,S",
-        type=_type(values.seed),
+        type=argument(values.seed),
         action="append",
         help="point in the organ, mm; may be repeated",
     )
     which.add_argument(
         "--boundary",
         metavar="R,A,S",
-        type=_type(values.boundary),
+        type=argument(values.boundary),
         action="append",
         help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
     )
@@ -176,51 +177,42 @@ def _add_fit(subparsers) -> None:
     how.add_argument(
         "--threshold",
         metavar="LOW,HIGH",
-        type=_type(values.threshold),
+        type=argument(values.threshold),
         help="grey levels of the organ (default: suggested from the seeds)",
     )
     how.add_argument(
         "--erosion",
         metavar="MM",
-        type=_type(values.erosion),
+        type=argument(values.erosion),
         help="cuts bridges to other tissue, 0 for none (default: chosen for the organ)",
     )
     how.add_argument(
         "--dilation",
         metavar="MM",
-        type=_type(values.dilation),
+        type=argument(values.dilation),
         help="grows the organ back to its edge after the erosion (default: as far as the erosion)",
     )
-    how.add_argument("--net", metavar="9x7", type=_type(values.net), help="size of the control net (default: 9x7)")
+    how.add_argument("--net", metavar="9x7", type=argument(values.net), help="size of the control net (default: 9x7)")
     how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
     how.add_argument("--solver", choices=tuple(SOLVERS), help="default: gauss-newton; the paper's: gradient-descent")
     how.add_argument(
-        "--tau", metavar="MM", type=_type(values.tau), help="width of the edge in the image (default: from the voxels)"
+        "--tau",
+        metavar="MM",
+        type=argument(values.tau),
+        help="width of the edge in the image (default: from the voxels)",
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
     what = fit.add_argument_group("what comes out")
     what.add_argument(
         "--output",
         metavar="DIR",
-        type=_type(values.folder),
+        type=argument(values.folder),
         default="organs",
         help="folder for the results (default: organs)",
     )
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr")
-
-
-def _type(check: Callable) -> Callable:
-    """Make a check of values an argument's type: its sentence becomes argparse's complaint."""
-
-    def convert(text: str):
-        try:
-            return check(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-
-    return convert
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

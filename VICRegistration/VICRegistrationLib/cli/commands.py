@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable
 
 from ..files import replacing_folder
 from .fitting import fit_to_folder
 from .requests import OPTIONS, OrganRequest, organ_request, read_requests
+from .words import speaker
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -31,7 +30,7 @@ def fit(options: argparse.Namespace) -> None:
         inputs=() if options.config is None else (options.config,),
         pictures=not options.no_pictures,
         step=options.step,
-        say=_speaker(options.quiet),
+        say=speaker(options.quiet),
     )
 
 
@@ -51,7 +50,7 @@ def phantom(options: argparse.Namespace) -> None:
 
     with replacing_folder(options.folder) as drafts:
         write_phantom(pelvis_phantom(), drafts)
-    _speaker(False)(f"phantom written to {options.folder}: mri.nii.gz, organs.json and truth")
+    speaker()(f"phantom written to {options.folder}: mri.nii.gz, organs.json and truth")
 
 
 def reproduce(options: argparse.Namespace) -> None:
@@ -71,8 +70,8 @@ def reproduce(options: argparse.Namespace) -> None:
 
     require_matplotlib(otherwise="")
     with replacing_folder(options.folder) as drafts:
-        run(drafts, say=_speaker(False))
-    _speaker(False)(f"table and plots written to {options.folder}")
+        run(drafts, say=speaker())
+    speaker()(f"table and plots written to {options.folder}")
 
 
 def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
@@ -89,13 +88,3 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
         msg = f"No --{missing[0]} was given; give --organ NAME and --seed R,A,S, or --config FILE for several organs."
         raise ValueError(msg)
     return (organ_request(options.organ, options.seed, boundary=options.boundary, **chosen),)
-
-
-def _speaker(quiet: bool) -> Callable[[str], None]:
-    """Way of telling the user something on stderr, or of keeping it to oneself."""
-
-    def say(line: str) -> None:
-        if not quiet:
-            print(line, file=sys.stderr, flush=True)
-
-    return say

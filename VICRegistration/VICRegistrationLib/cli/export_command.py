@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -15,6 +14,7 @@ from ..export.step import Solid, write_step
 from ..files import keep_inputs, replacing_folder
 from . import values
 from .solids import read_solids
+from .words import argument, speaker
 
 _SUFFIXES = {"step": (".step", ".stp"), "stl": (".stl",), "ply": (".ply",), "vtp": (".vtp",)}
 _MOST_FACES = 1000
@@ -53,7 +53,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument(
         "--split",
         metavar="K",
-        type=_faces,
+        type=argument(_faces),
         default=1,
         help="faces of each solid in the STEP file, from pole to pole, for programs that dislike seams (default: 1, "
         "with a seam)",
@@ -61,7 +61,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument(
         "--chord-error",
         metavar="MM",
-        type=_chord_error,
+        type=argument(_chord_error),
         default=DEFAULT_CHORD_ERROR,
         help=f"largest distance between triangles and surface (default: {DEFAULT_CHORD_ERROR})",
     )
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> None:
             jobs[path] = _writer(kind, part, options)
     keep_inputs(jobs, options.surfaces)
     _write(jobs)
-    print(f"written: {', '.join(map(str, jobs))}", file=sys.stderr)
+    speaker()(f"written: {', '.join(map(str, jobs))}")
 
 
 def _writer(kind: str, solids: Sequence[Solid], options: argparse.Namespace) -> Callable[[Path], None]:
@@ -146,7 +146,7 @@ def _faces(text: str) -> int:
     """Check the number of faces."""
     if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= _MOST_FACES:
         msg = f"{text!r} was given; a solid is split into 1 to {_MOST_FACES} faces"
-        raise argparse.ArgumentTypeError(msg)
+        raise ValueError(msg)
     return int(text)
 
 
@@ -156,4 +156,4 @@ def _chord_error(text: str) -> float:
         return values.tau(text)
     except ValueError as error:
         msg = f"{text!r} was given; a chord error is a positive length in mm"
-        raise argparse.ArgumentTypeError(msg) from error
+        raise ValueError(msg) from error

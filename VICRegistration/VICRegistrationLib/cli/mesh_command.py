@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from ..meshing.formats import writer_for
 from ..meshing.options import TOOLS, MeshOptions
 from . import values
 from .solids import read_solids
+from .words import argument, speaker
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
@@ -56,28 +56,32 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser = add_command(subparsers, "mesh", "fill surfaces with tetrahedra for simulation", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--output", metavar="FILE", required=True, help="file to write")
-    parser.add_argument("--size", metavar="MM", type=_number, default=_DEFAULT.size, help="edges (default: 3)")
+    parser.add_argument(
+        "--size", metavar="MM", type=argument(values.number), default=_DEFAULT.size, help="edges (default: 3)"
+    )
     parser.add_argument("--surface", action="store_true", help="nearly equal triangles instead of tetrahedra")
     inside = parser.add_argument_group("tetrahedra")
     inside.add_argument("--order", type=int, choices=(1, 2), help="linear (default) or second-order elements")
     inside.add_argument("--tool", choices=TOOLS, help="program that makes the mesh (default: gmsh)")
-    inside.add_argument("--wall", metavar="MM", type=_number, help="thickness of the wall of hollow organs")
+    inside.add_argument(
+        "--wall", metavar="MM", type=argument(values.number), help="thickness of the wall of hollow organs"
+    )
     inside.add_argument(
         "--patches",
         metavar="4x3",
-        type=_patches,
+        type=argument(_patches),
         help="cut each surface's group into so many patches, around the organ and from pole to pole",
     )
     inside.add_argument(
         "--volume-error",
         metavar="FRACTION",
-        type=_number,
+        type=argument(values.number),
         help="largest difference from the exact volume (default: 0.005 at 3 mm, with the square of the size)",
     )
     parser.add_argument(
         "--time-limit",
         metavar="S",
-        type=_number,
+        type=argument(values.number),
         default=_DEFAULT.time_limit,
         help="seconds after which the program is ended (default: 600)",
     )
@@ -106,9 +110,7 @@ def run(options: argparse.Namespace) -> None:
     settings = MeshOptions(size=options.size, time_limit=options.time_limit, **chosen)
     solids = read_solids(options.surfaces)
 
-    def say(line: str) -> None:
-        if not options.quiet and line:
-            print(line, file=sys.stderr, flush=True)
+    say = speaker(options.quiet)
 
     with replacing_folder(target.parent) as drafts:
         make = _triangles if options.surface else _tetrahedra
@@ -182,14 +184,5 @@ def _patches(text: str) -> tuple[int, int]:
     around, cross, along = text.partition("x")
     if not (cross and around.isdecimal() and along.isdecimal()):
         msg = f"{text!r} was given; patches are two whole numbers such as 4x3"
-        raise argparse.ArgumentTypeError(msg)
+        raise ValueError(msg)
     return int(around), int(along)
-
-
-def _number(text: str) -> float:
-    """Check that a word is a number; whether it makes sense is for the options to say."""
-    try:
-        return float(text)
-    except ValueError as error:
-        msg = f"{text!r} was given; a number is needed"
-        raise argparse.ArgumentTypeError(msg) from error

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..files import keep_inputs, replacing_folder
 from . import values
+from .words import argument, speaker
 
 _CASES = ("self-weight", "pressure")
 _NAME = "simulation"
@@ -45,26 +46,37 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument("mesh", metavar="MESH", help="tetrahedral mesh: .msh or .vtu")
     parser.add_argument("--case", choices=_CASES, required=True, help="what acts on the organ")
     material = parser.add_argument_group("material (the same everywhere)")
-    material.add_argument("--young", metavar="KPA", type=_number, default=300.0, help="Young's modulus (default: 300)")
-    material.add_argument("--poisson", metavar="NU", type=_number, default=0.45, help="Poisson's ratio (default: 0.45)")
-    material.add_argument("--density", metavar="KG/M3", type=_number, help="for self-weight (default: 1050)")
+    material.add_argument(
+        "--young", metavar="KPA", type=argument(values.number), default=300.0, help="Young's modulus (default: 300)"
+    )
+    material.add_argument(
+        "--poisson", metavar="NU", type=argument(values.number), default=0.45, help="Poisson's ratio (default: 0.45)"
+    )
+    material.add_argument(
+        "--density", metavar="KG/M3", type=argument(values.number), help="for self-weight (default: 1050)"
+    )
     load = parser.add_argument_group("load and support")
-    load.add_argument("--pressure", metavar="KPA", type=_number, help="for pressure (default: 1, about 10 cmH2O)")
+    load.add_argument(
+        "--pressure", metavar="KPA", type=argument(values.number), help="for pressure (default: 1, about 10 cmH2O)"
+    )
     load.add_argument("--surface", metavar="GROUP", help="triangles that the pressure acts on (default: all cavities)")
     load.add_argument(
-        "--gravity", metavar="R,A,S", type=_direction, help="direction of the weight (default: 0,-1,0, on the back)"
+        "--gravity",
+        metavar="R,A,S",
+        type=argument(_direction),
+        help="direction of the weight (default: 0,-1,0, on the back)",
     )
     load.add_argument(
         "--foundation",
         metavar="KPA/MM",
-        type=_number,
+        type=argument(values.number),
         help="springs of the surroundings (default: 0.3 for self-weight, 0 for pressure)",
     )
     what = parser.add_argument_group("what comes out")
     what.add_argument(
         "--output",
         metavar="DIR",
-        type=_folder,
+        type=argument(values.folder),
         default="simulation",
         help="folder for the results (default: simulation)",
     )
@@ -95,9 +107,7 @@ def run(options: argparse.Namespace) -> None:
     if not options.no_pictures:
         require_matplotlib()
 
-    def say(line: str) -> None:
-        if not options.quiet:
-            print(line, file=sys.stderr, flush=True)
+    say = speaker(options.quiet)
 
     endings = (".vtu", ".png", ".json")
     keep_inputs([Path(options.output, _NAME + ending) for ending in endings], [options.mesh])
@@ -142,26 +152,10 @@ def _problem(options: argparse.Namespace):
     return (SelfWeight if options.case == "self-weight" else InnerPressure)(**chosen), material
 
 
-def _number(text: str) -> float:
-    """Check that a word is a number; whether it makes sense is for the problem to say."""
-    try:
-        return float(text)
-    except ValueError as error:
-        msg = f"{text!r} was given; a number is needed"
-        raise argparse.ArgumentTypeError(msg) from error
-
-
 def _direction(text: str) -> tuple[float, float, float]:
     """Check a direction: R, A, S."""
     try:
         return values.seed(text)
     except ValueError as error:
         msg = f"{text!r} was given; a direction is three numbers R,A,S"
-        raise argparse.ArgumentTypeError(msg) from error
-
-
-def _folder(text: str) -> str:
-    try:
-        return values.folder(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+        raise ValueError(msg) from error

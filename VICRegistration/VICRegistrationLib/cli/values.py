@@ -101,6 +101,15 @@ def boundaries(value: object) -> tuple[tuple[float, float, float], ...]:
     return tuple(boundary(point) for point in points)
 
 
+def number(value: str) -> float:
+    """Check that a word is a number; whether it makes sense is for others to say."""
+    try:
+        return float(value)
+    except ValueError as error:
+        msg = f"{value!r} was given; a number is needed"
+        raise ValueError(msg) from error
+
+
 def erosion(value: object) -> float:
     """Check the radius of the erosion, mm."""
     return _radius(value, "an erosion")
