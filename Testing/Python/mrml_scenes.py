@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pytest
 import vtk
-from scipy.spatial.transform import Rotation
+from reorientation import motion
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 from vtk.util.numpy_support import vtk_to_numpy
 
@@ -39,31 +39,10 @@ def add_volume(image=None, name="mri", *, under=None):
     return node
 
 
-def motion(degrees, axis, shift=(0.0, 0.0, 0.0)):
-    """Matrix of a rotation about an axis through the origin and a shift in mm."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_rotvec(np.deg2rad(degrees) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
-    matrix[:3, 3] = shift
-    return matrix
-
-
 def oblique(image=None, matrix=None):
     """The same voxels elsewhere in the world, turned about no axis of theirs."""
     image = image or mri()
     return Image(image.array, (motion(40, (1, 2, -1), (10, -5, 3)) if matrix is None else matrix) @ image.ijk_to_ras)
-
-
-def reordered(image, order, flips):
-    """The same voxels in the same places of the world, with axes (i, j, k) permuted and flipped in memory."""
-    array = image.array.transpose([2 - axis for axis in order[::-1]])
-    matrix = image.ijk_to_ras.copy()
-    matrix[:3, :3] = image.ijk_to_ras[:3, list(order)]
-    for axis, flip in enumerate(flips):
-        if flip:
-            array = np.flip(array, 2 - axis)
-            matrix[:3, 3] += matrix[:3, axis] * (array.shape[2 - axis] - 1)
-            matrix[:3, axis] *= -1.0
-    return Image(np.ascontiguousarray(array), matrix)
 
 
 def add_linear_transform(matrix):

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from reorientation import motion, reordered
 
 from VICRegistrationLib.analysis.deviation import points_on
 from VICRegistrationLib.geometry.projection import closest_points
@@ -30,27 +30,6 @@ def slab(pelvis):
 def surfaces(slab, pelvis):
     """Fitted surfaces in the volume as it is."""
     return {name: finish(fit_organ(slab, pelvis.seeds[name])).surface for name in ORGANS}
-
-
-def reordered(image, order, flips):
-    """The same voxels in the same places of the world, with axes (i, j, k) permuted and flipped in memory."""
-    array = image.array.transpose([2 - axis for axis in order[::-1]])
-    matrix = image.ijk_to_ras.copy()
-    matrix[:3, :3] = image.ijk_to_ras[:3, list(order)]
-    for axis, flip in enumerate(flips):
-        if flip:
-            array = np.flip(array, 2 - axis)
-            matrix[:3, 3] += matrix[:3, axis] * (array.shape[2 - axis] - 1)
-            matrix[:3, axis] *= -1.0
-    return Image(np.ascontiguousarray(array), matrix)
-
-
-def moved(degrees, axis, shift):
-    matrix = np.eye(4)
-    axis = np.array(axis) / np.linalg.norm(axis)
-    matrix[:3, :3] = Rotation.from_rotvec(np.deg2rad(degrees) * axis).as_matrix()
-    matrix[:3, 3] = shift
-    return matrix
 
 
 def test_both_hands_and_all_orders_are_tried(slab):
@@ -81,11 +60,11 @@ def test_axes_permuted_and_flipped_give_the_same_surface(slab, pelvis, surfaces,
     ],
 )
 def test_a_volume_turned_in_the_world_gives_the_turned_surface(slab, pelvis, surfaces, organ, degrees, axis, shift):
-    motion = moved(degrees, axis, shift)
-    image = Image(slab.array, motion @ slab.ijk_to_ras)
-    seeds = pelvis.seeds[organ] @ motion[:3, :3].T + motion[:3, 3]
+    matrix = motion(degrees, axis, shift)
+    image = Image(slab.array, matrix @ slab.ijk_to_ras)
+    seeds = pelvis.seeds[organ] @ matrix[:3, :3].T + matrix[:3, 3]
     found = finish(fit_organ(image, seeds)).surface
-    expected = surfaces[organ].transformed(motion)
+    expected = surfaces[organ].transformed(matrix)
     assert np.abs(found.control_net - expected.control_net).max() < CLOSE_MM
     # The shape itself, whatever its control net.
     distances = closest_points(expected, points_on(found, 300)).distances
@@ -94,10 +73,10 @@ def test_a_volume_turned_in_the_world_gives_the_turned_surface(slab, pelvis, sur
 
 @pytest.mark.parametrize("options", [FitOptions(solver="gradient-descent"), FitOptions(closure="paper", net=(12, 9))])
 def test_other_options_keep_the_invariance(slab, pelvis, options):
-    motion = moved(71.0, (1, 1, 1), (-30, 20, 5))
-    turned = Image(slab.array, motion @ slab.ijk_to_ras)
+    matrix = motion(71.0, (1, 1, 1), (-30, 20, 5))
+    turned = Image(slab.array, matrix @ slab.ijk_to_ras)
     turned = reordered(turned, (2, 0, 1), (True, False, False))
-    seeds = pelvis.seeds["vagina"] @ motion[:3, :3].T + motion[:3, 3]
-    expected = finish(fit_organ(slab, pelvis.seeds["vagina"], options)).surface.transformed(motion)
+    seeds = pelvis.seeds["vagina"] @ matrix[:3, :3].T + matrix[:3, 3]
+    expected = finish(fit_organ(slab, pelvis.seeds["vagina"], options)).surface.transformed(matrix)
     found = finish(fit_organ(turned, seeds, options)).surface
     assert np.abs(found.control_net - expected.control_net).max() < 1e-3

@@ -9,6 +9,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion
 from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
@@ -127,7 +128,7 @@ def test_every_node_comes_back_under_whatever_name(logic, through_a_bundle, rena
 
 
 def test_control_net_and_knots_come_back_bit_for_bit(logic, through_a_bundle):
-    matrix = mrml_scenes.motion(40, (1, 2, -1), (10, -5, 3))
+    matrix = motion(40, (1, 2, -1), (10, -5, 3))
     volume = mrml_scenes.add_volume(mrml_scenes.oblique(matrix=matrix))
     organ = logic.fit(volume, matrix[:3, :3] @ CENTER + matrix[:3, 3], options=FitOptions(net=(12, 10)))
     before = net_and_knots(logic.surface(organ))
@@ -145,7 +146,7 @@ def test_control_net_and_knots_come_back_bit_for_bit(logic, through_a_bundle):
 
 @pytest.mark.parametrize("under", ["nothing", "linear", "nonlinear"])
 def test_segment_voxels_and_places_in_the_world_come_back(logic, through_a_bundle, under):
-    matrix = mrml_scenes.motion(75, (1, 2, -1), (30, -60, 12))
+    matrix = motion(75, (1, 2, -1), (30, -60, 12))
     spline = mrml_scenes.thin_plate_spline()
     node, seed = {
         "nothing": lambda: (None, CENTER),

@@ -8,6 +8,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion
 from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
@@ -194,7 +195,7 @@ def test_the_triangles_of_a_finished_fit_are_never_moved(logic, fitted):
     add_surface(finished, surface, name="bladder")
     organ.surface.SetAndObservePolyData(finished)
     before = slicer.util.arrayFromModelPoints(organ.surface).copy()
-    moved = surface.transformed(mrml_scenes.motion(0, (1, 0, 0), (5, 5, 5)))
+    moved = surface.transformed(motion(0, (1, 0, 0), (5, 5, 5)))
     for _again in range(2):
         moveSurface(organ.surface, moved)
     assert organ.surface.GetPolyData() is not finished

@@ -6,6 +6,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion, reordered
 from small_phantom import CENTER, SEED, ellipsoid
 
 from VICRegistrationLib import cli
@@ -52,7 +53,7 @@ def as_type(image, dtype):
     ],
 )
 def test_the_surface_is_that_of_the_command_line(logic, tmp_path, order, flips):
-    image = mrml_scenes.reordered(mrml_scenes.mri(), order, flips)
+    image = reordered(mrml_scenes.mri(), order, flips)
     expected = by_command_line(image, tmp_path)
     found = logic.surface(logic.fit(mrml_scenes.add_volume(image), [CENTER]))
     assert np.abs(found.control_net - expected.control_net).max() < SAME_MM
@@ -60,7 +61,7 @@ def test_the_surface_is_that_of_the_command_line(logic, tmp_path, order, flips):
 
 def test_an_oblique_volume_gives_the_surface_of_the_command_line(logic, tmp_path):
     # About the centre, so that the seed stays in it.
-    turn = mrml_scenes.motion(35, (1, -2, 1))
+    turn = motion(35, (1, -2, 1))
     turn[:3, 3] = CENTER - turn[:3, :3] @ CENTER
     image = mrml_scenes.oblique(matrix=turn)
     found = logic.surface(logic.fit(mrml_scenes.add_volume(image), [CENTER]))

@@ -6,6 +6,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.geometry.projection import closest_points
@@ -87,7 +88,7 @@ def test_without_weight_points_pull_nothing(logic, fitted):
 
 @pytest.mark.parametrize("kind", ["linear", "nonlinear"])
 def test_boundary_points_are_in_the_world(logic, kind):
-    matrix, spline = mrml_scenes.motion(75, (1, 2, -1), (30, -60, 12)), mrml_scenes.thin_plate_spline()
+    matrix, spline = motion(75, (1, 2, -1), (30, -60, 12)), mrml_scenes.thin_plate_spline()
     if kind == "linear":
         under = mrml_scenes.add_linear_transform(matrix)
         to_world = lambda points: np.atleast_2d(points) @ matrix[:3, :3].T + matrix[:3, 3]  # noqa: E731
@@ -125,7 +126,7 @@ def test_points_of_a_list_are_boundary_points_too(logic, fitted, scene):
 
 def test_a_surface_of_another_program_is_a_start(logic):
     organ = logic.addOrgan(mrml_scenes.add_volume(), [CENTER])
-    shifted = ellipsoid().transformed(mrml_scenes.motion(0, (1, 0, 0), (1.5, -1.0, 1.0)))
+    shifted = ellipsoid().transformed(motion(0, (1, 0, 0), (1.5, -1.0, 1.0)))
     logic.setSurface(organ, shifted)
     np.testing.assert_array_equal(logic.surface(organ).control_net, shifted.control_net)
     logic.refit(organ)

@@ -8,6 +8,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion, reordered
 from small_phantom import CENTER
 
 from VICRegistrationLib.imaging.image import Image
@@ -32,8 +33,8 @@ ORDERS = list(itertools.product(itertools.permutations(range(3)), [(False,) * 3,
 
 @pytest.mark.parametrize(("order", "flips"), ORDERS[::2])
 def test_the_segment_shows_the_voxels_of_the_region_on_every_grid(logic, separated, order, flips):
-    matrix = mrml_scenes.motion(40, (1, 2, -1), (10, -5, 3))
-    image = mrml_scenes.oblique(mrml_scenes.reordered(mrml_scenes.mri(), order, flips), matrix)
+    matrix = motion(40, (1, 2, -1), (10, -5, 3))
+    image = mrml_scenes.oblique(reordered(mrml_scenes.mri(), order, flips), matrix)
     volume = mrml_scenes.add_volume(image)
     organ = logic.addOrgan(volume, CENTER @ matrix[:3, :3].T + matrix[:3, 3])
     region, _warnings = separated(organ, volume)
@@ -46,7 +47,7 @@ def test_the_segment_shows_the_voxels_of_the_region_on_every_grid(logic, separat
 def test_the_segment_lies_on_the_grid_of_the_volume_whatever_its_transform(logic, kind):
     under, seed = None, CENTER
     if kind == "linear":
-        matrix = mrml_scenes.motion(75, (1, 2, -1), (30, -60, 12))
+        matrix = motion(75, (1, 2, -1), (30, -60, 12))
         under, seed = mrml_scenes.add_linear_transform(matrix), matrix[:3, :3] @ CENTER + matrix[:3, 3]
     elif kind == "nonlinear":
         spline = mrml_scenes.thin_plate_spline()

@@ -6,6 +6,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.deviation import deviation
@@ -88,7 +89,7 @@ def test_a_fit_from_a_segment_finds_the_edge_in_the_image(logic):
 @pytest.mark.parametrize("degrees", [0.0, 35.0])
 def test_a_segment_on_another_grid_is_brought_to_that_of_the_volume(logic, spacing, degrees):
     volume = mrml_scenes.add_volume()
-    other = grid(spacing, matrix=mrml_scenes.motion(degrees, (1, 2, -1)))
+    other = grid(spacing, matrix=motion(degrees, (1, 2, -1)))
     node = add_segment(mrml_scenes.add_volume(other, "other"), painted(other))
     organ = logic.fit(volume, segment=(node, "s"))
     # A voxel at the border is on one side or the other; the shell of half a voxel of the coarser grid is worth this.
@@ -99,7 +100,7 @@ def test_a_segment_on_another_grid_is_brought_to_that_of_the_volume(logic, spaci
 @pytest.mark.parametrize("kind", ["linear", "nonlinear"])
 @pytest.mark.parametrize("which", ["segment", "volume", "both"])
 def test_transforms_of_the_segment_and_of_the_volume_are_respected(logic, kind, which):
-    matrix = mrml_scenes.motion(40, (2, -1, 1), (12, -9, 4))
+    matrix = motion(40, (2, -1, 1), (12, -9, 4))
     spline = mrml_scenes.thin_plate_spline()
     nonlinear = kind == "nonlinear"
     node = mrml_scenes.add_nonlinear_transform(spline) if nonlinear else mrml_scenes.add_linear_transform(matrix)
@@ -186,7 +187,7 @@ def test_a_refused_segment_leaves_nothing_behind(logic, what):
     mask = painted(mrml_scenes.mri())
     node = add_segment(volume, mask * 0 if what == "empty" else mask)
     if what == "outside":
-        move = mrml_scenes.add_linear_transform(mrml_scenes.motion(0, (1, 0, 0), (500, 0, 0)))
+        move = mrml_scenes.add_linear_transform(motion(0, (1, 0, 0), (500, 0, 0)))
         node.SetAndObserveTransformNodeID(move.GetID())
     logic.getParameterNode()
     before = mrml_scenes.content(slicer.mrmlScene)

@@ -6,6 +6,7 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
+from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.deviation import deviation
@@ -22,12 +23,12 @@ def logic(slicer_module):
 
 def scaling():
     """Stretched by half along one oblique direction, and mirrored: left becomes right."""
-    turn = mrml_scenes.motion(30, (1, 1, 0))
+    turn = motion(30, (1, 1, 0))
     return turn @ np.diag([1.5, -1.0, 1.1, 1.0]) @ np.linalg.inv(turn)
 
 
 MATRICES = {
-    "rotation": mrml_scenes.motion(75, (1, 2, -1), (30, -60, 12)),
+    "rotation": motion(75, (1, 2, -1), (30, -60, 12)),
     "scaling and mirror": scaling(),
     "identity": np.eye(4),
 }
@@ -72,10 +73,10 @@ def test_the_volume_is_that_in_the_world(logic, name):
 
 def test_an_oblique_volume_under_a_chain_of_transforms(logic):
     outer = mrml_scenes.add_linear_transform(MATRICES["rotation"])
-    inner = mrml_scenes.add_linear_transform(mrml_scenes.motion(20, (0, 1, 1), (5, 5, 5)))
+    inner = mrml_scenes.add_linear_transform(motion(20, (0, 1, 1), (5, 5, 5)))
     inner.SetAndObserveTransformNodeID(outer.GetID())
-    local = mrml_scenes.motion(40, (1, 2, -1), (10, -5, 3))
-    whole = MATRICES["rotation"] @ mrml_scenes.motion(20, (0, 1, 1), (5, 5, 5)) @ local
+    local = motion(40, (1, 2, -1), (10, -5, 3))
+    whole = MATRICES["rotation"] @ motion(20, (0, 1, 1), (5, 5, 5)) @ local
     volume = mrml_scenes.add_volume(mrml_scenes.oblique(matrix=local), under=inner)
     organ = logic.fit(volume, applied(whole)(CENTER))
     truth = mrml_scenes.true_triangles(applied(whole))
@@ -154,12 +155,12 @@ def test_everything_follows_when_the_volume_is_moved_later(logic, change):
     volume = mrml_scenes.add_volume(under=node)
     organ = logic.fit(volume, applied(MATRICES["rotation"])(CENTER))
     surface = logic.surface(organ).control_net
-    to_world = applied(mrml_scenes.motion(-20, (0, 0, 1), (0, 5, 0)))
+    to_world = applied(motion(-20, (0, 0, 1), (0, 5, 0)))
     if change == "matrix":
-        moved = slicer.util.vtkMatrixFromArray(mrml_scenes.motion(-20, (0, 0, 1), (0, 5, 0)))
+        moved = slicer.util.vtkMatrixFromArray(motion(-20, (0, 0, 1), (0, 5, 0)))
         node.SetMatrixTransformToParent(moved)
     elif change == "node":
-        other = mrml_scenes.add_linear_transform(mrml_scenes.motion(-20, (0, 0, 1), (0, 5, 0)))
+        other = mrml_scenes.add_linear_transform(motion(-20, (0, 0, 1), (0, 5, 0)))
         volume.SetAndObserveTransformNodeID(other.GetID())
     elif change == "none":
         volume.SetAndObserveTransformNodeID(None)
