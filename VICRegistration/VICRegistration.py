@@ -172,10 +172,11 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         ValueError
             If the organ cannot be separated; nothing is added then.
         """
-        with self._separated(
+        with self._added(
             volumeNode, seeds, thresholds, name=name, erosion=erosion, dilation=dilation, segment=segment
         ) as organ:
-            return organ
+            fitting.separateOrgan(organ, volumeNode)
+        return organ
 
     def fit(self, volumeNode, seeds=None, thresholds=None, *, options=None, boundaryPoints=None, onStep=None, **organ):
         """Add an organ, separate it, and fit a surface to it.
@@ -203,7 +204,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         """
         from VICRegistrationLib.registration.organ import finish
 
-        with self._separated(volumeNode, seeds, thresholds, **organ) as made:
+        with self._added(volumeNode, seeds, thresholds, **organ) as made:
             if options is not None:
                 made.setFitOptions(options)
             addPoints(boundaryPointsOf(made, volumeNode), boundaryPoints)
@@ -271,8 +272,8 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         surfaces.showSurface(modelOf(organ, volumeNode), surface, name=organ.label)
 
     @contextlib.contextmanager
-    def _separated(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, dilation=None, segment=None):
-        """Add an organ and separate it; it is removed again when that or what follows fails."""
+    def _added(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, dilation=None, segment=None):
+        """Add an organ with what its separation starts from; it is removed again when what follows fails."""
         volumes.imageFromVolume(volumeNode)
         parameters = self.getParameterNode()
         with Organs(parameters).adding(name) as organ:
@@ -283,7 +284,6 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
             if segment is not None:
                 organ.source = RegionSource.SEGMENT
                 organ.inputSegmentation, organ.inputSegmentId = segment
-            fitting.separateOrgan(organ, volumeNode)
             yield organ
 
 

@@ -24,7 +24,7 @@ from VICRegistrationLib.analysis.slicing import (
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import finish, fit_organ, refit
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -165,3 +165,11 @@ def test_without_matplotlib_the_way_out_is_told(tmp_path, image, fit):
     with pytest.raises(RuntimeError, match=r"pip install 'vicregistration\[pictures\]'.*--no-pictures"):
         pictures.organ_picture(tmp_path / "organ.png", image, fit, "bladder")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_surface_that_was_fitted_again_is_drawn_without_a_region(tmp_path, image, fit):
+    again = finish(refit(image, fit.surface))
+    assert again.region is None
+    pictures.organ_picture(tmp_path / "again.png", image, again, "bladder", truth=ellipsoid())
+    assert (tmp_path / "again.png").read_bytes().startswith(PNG)
+    assert pictures.alarm(again) == ""

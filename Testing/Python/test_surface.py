@@ -242,6 +242,15 @@ def test_volume_is_negative_when_the_normals_point_inward(organ):
     assert inside_out.volume() == pytest.approx(-organ.volume(), rel=1e-13)
 
 
+def test_turned_it_is_the_same_surface_with_its_normals_on_the_other_side(organ):
+    turned = organ.turned()
+    u, v = np.array([0.1, 0.45, 0.8]), np.array([0.3, 0.5, 0.9])
+    np.testing.assert_allclose(turned.points(1.0 - u, v), organ.points(u, v), atol=1e-12)
+    np.testing.assert_allclose(turned.normals(1.0 - u, v), -organ.normals(u, v), atol=1e-12)
+    assert turned.volume() == pytest.approx(-organ.volume(), rel=1e-12)
+    assert turned.closed
+
+
 def test_volume_and_area_are_the_limits_of_fine_triangulations(organ):
     volumes, areas = [], []
     for n in (48, 96, 192):

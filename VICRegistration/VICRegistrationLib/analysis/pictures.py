@@ -97,7 +97,9 @@ def organ_picture(
     if truth is not None:
         contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "truth", dashed=True))
     figure = _figure(name, _summary(fit, truth), alarm=alarm(fit, n_warnings=n_warnings))
-    _draw_slices(figure, image, surfaces, contours, region=fit.region.image)
+    # A surface that was fitted again may have no region.
+    region = None if fit.region is None else fit.region.image
+    _draw_slices(figure, image, surfaces, contours, region=region)
     _draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, _VIEWER)
     _draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
     save_figure(figure, path)
@@ -177,15 +179,16 @@ def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:
     """
     parts = [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
-    parts += ["reaches the border of the image"] if fit.region.touches_border else []
+    parts += ["reaches the border of the image"] if fit.region is not None and fit.region.touches_border else []
     parts += [f"{n_warnings} warning{'s' if n_warnings > 1 else ''} in the report"] if n_warnings else []
     return "   ·   ".join(parts)
 
 
 def _summary(fit: OrganFit, truth: BSplineSurface | None) -> list[str]:
     """Tell the result in one line or two."""
+    separated = "" if fit.region is None else f" (separated {fit.region.volume_ml:.1f} ml)"
     parts = [
-        f"volume {fit.surface.volume() / 1000.0:.1f} ml (separated {fit.region.volume_ml:.1f} ml)",
+        f"volume {fit.surface.volume() / 1000.0:.1f} ml{separated}",
         f"area {fit.surface.area() / 100.0:.1f} cm²",
         f"net {fit.options.net[0]}x{fit.options.net[1]} {fit.options.closure}",
         f"{fit.iterations} iterations" + (", converged" if fit.converged else ""),

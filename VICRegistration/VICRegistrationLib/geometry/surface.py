@@ -79,6 +79,11 @@ class BSplineSurface:
         matrix = np.asarray(matrix, dtype=float)
         return self.with_control_net(self.control_net @ matrix[:3, :3].T + matrix[:3, 3])
 
+    def turned(self) -> BSplineSurface:
+        """Let u run the other way: the same surface with its normals on the other side."""
+        low, high = self.domain[0]
+        return replace(self, knots_u=(low + high) - self.knots_u[::-1], control_net=self.control_net[::-1])
+
     # ------------------------------------------------------------------ evaluation
 
     def grid(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:

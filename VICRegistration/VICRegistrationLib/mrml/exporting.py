@@ -9,12 +9,12 @@ import slicer
 import vtk
 from slicer.i18n import tr as _
 
+from .organ_nodes import removeNodes
 from .surfaces import surfaceFromModel
 
-STEP, TRIANGLES = (".step",), (".stl", ".ply", ".vtp")
 MESHES = (".vtu", ".msh", ".inp", ".med", ".bdf")
 QUALITY_ATTRIBUTE = "VIC.quality"
-_ASSEMBLY = "organs"
+_ASSEMBLY, _STEP = "organs", ".step"
 
 
 def worldSurface(organ):
@@ -27,7 +27,7 @@ def worldSurface(organ):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface
-        World RAS mm; exact.
+        World RAS mm; exact, normals outward.
 
     Raises
     ------
@@ -50,7 +50,9 @@ def worldSurface(organ):
         )
     matrix = vtk.vtkMatrix4x4()
     parent.GetMatrixTransformToWorld(matrix)
-    return surface.transformed(slicer.util.arrayFromVTKMatrix(matrix))
+    moved = surface.transformed(slicer.util.arrayFromVTKMatrix(matrix))
+    # A mirror turns it inside out.
+    return moved.turned() if matrix.Determinant() < 0.0 else moved
 
 
 def exportSurfaces(organs, folder, suffix, *, faces=1):
@@ -79,15 +81,17 @@ def exportSurfaces(organs, folder, suffix, *, faces=1):
         If a file cannot be written.
     """
     from ..export.mesh_files import write_mesh
-    from ..export.step import write_step
+    from ..export.step import validate_solids, write_step
     from ..files import replacing_folder
 
     solids = _solids(organs)
     with replacing_folder(folder) as drafts:
-        if suffix in STEP:
+        if suffix == _STEP:
+            # Checks the solids by itself.
             name = solids[0].name if len(solids) == 1 else _ASSEMBLY
             write_step(solids, drafts / f"{name}{suffix}", faces=faces)
             return [Path(folder) / f"{name}{suffix}"]
+        validate_solids(solids)
         for solid in solids:
             write_mesh(solid.surface, drafts / f"{solid.name}{suffix}", name=solid.name)
     return [Path(folder) / f"{solid.name}{suffix}" for solid in solids]
@@ -163,8 +167,7 @@ def loadMesh(path):
     storage.SetFileName(os.fspath(path))
     node.SetAndObserveStorageNodeID(storage.GetID())
     if not storage.ReadData(node):
-        slicer.mrmlScene.RemoveNode(storage)
-        slicer.mrmlScene.RemoveNode(node)
+        removeNodes([node])
         raise ValueError(_("The mesh {path} cannot be loaded; look whether it is there.").format(path=path))
     node.CreateDefaultDisplayNodes()
     node.GetDisplayNode().SetEdgeVisibility(True)
@@ -176,10 +179,9 @@ def loadMesh(path):
 
 def _solids(organs):
     from ..cli.values import organ_name
-    from ..export.step import Solid, validate_solids
+    from ..export.step import Solid
 
     solids = [Solid(organ_name(organ.label), worldSurface(organ), tuple(organ.color)) for organ in organs]
     if not solids:
         raise ValueError(_("No organ has a surface yet; one is needed to export. Fit an organ first."))
-    validate_solids(solids)
     return solids

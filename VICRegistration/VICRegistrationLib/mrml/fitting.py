@@ -36,23 +36,7 @@ def separateOrgan(organ, volumeNode):
     """
     from ..registration.doubts import warnings_about_region
 
-    try:
-        image = imageFromVolume(volumeNode)
-        region = _regionOf(organ, volumeNode, image)
-    except ValueError:
-        if hasSegment(organ):
-            showRegion(organ.regions, organ.regionSegmentId, None)
-        raise
-    segmentationNode, segmentId = segmentOf(organ, volumeNode)
-    showRegion(segmentationNode, segmentId, region)
-    if region.threshold is not None and organ.thresholdAutomatic:
-        _setThreshold(organ, region.threshold)
-    if region.erosion is not None and organ.erosionAutomatic:
-        organ.erosionMm = float(region.erosion)
-    if organ.state in (OrganState.NEW, OrganState.FAILED):
-        organ.state = OrganState.SEPARATED
-    if organ.surface is None:
-        organ.volumeMl = regionVolumeMl(region, volumeNode)
+    image, region = _separated(organ, volumeNode)
     return region, warnings_about_region(image, region) + _seedWarnings(organ, volumeNode, image, region)
 
 
@@ -81,8 +65,7 @@ def fitSteps(organ, volumeNode):
     from ..registration.organ import fit_region
 
     with _Bookkeeping(organ, volumeNode) as book:
-        region, _warnings = separateOrgan(organ, volumeNode)
-        image = imageFromVolume(volumeNode)
+        image, region = _separated(organ, volumeNode)
         steps = fit_region(image, region, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
         return (yield from book.followed(image, steps))
 
@@ -289,6 +272,30 @@ class _Bookkeeping:
     @staticmethod
     def _isThere(node):
         return node is not None and node.GetScene() is not None
+
+
+def _separated(organ, volumeNode):
+    """Separate an organ, show its region and remember what was found by itself; the image and the region."""
+    try:
+        image = imageFromVolume(volumeNode)
+        region = _regionOf(organ, volumeNode, image)
+    except ValueError:
+        if hasSegment(organ):
+            showRegion(organ.regions, organ.regionSegmentId, None)
+        raise
+    # One event for everything: who follows the organ looks at all of it every time.
+    with slicer.util.NodeModify(organ.parameterNode):
+        segmentationNode, segmentId = segmentOf(organ, volumeNode)
+        showRegion(segmentationNode, segmentId, region)
+        if region.threshold is not None and organ.thresholdAutomatic:
+            _setThreshold(organ, region.threshold)
+        if region.erosion is not None and organ.erosionAutomatic:
+            organ.erosionMm = float(region.erosion)
+        if organ.state in (OrganState.NEW, OrganState.FAILED):
+            organ.state = OrganState.SEPARATED
+        if organ.surface is None:
+            organ.volumeMl = regionVolumeMl(region, volumeNode)
+    return image, region
 
 
 def _regionOf(organ, volumeNode, image):
