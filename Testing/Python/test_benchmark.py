@@ -19,17 +19,21 @@ def modules():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(FOLDER))
         import bladders
+        import boundaries
         import growth
         import measuring
         import meshes
+        import previews
         import run
         import scenes
+        import simulations
         import surfaces
         import volumes
 
-        yield {m.__name__: m for m in (bladders, growth, measuring, meshes, run, scenes, surfaces, volumes)}
-        for name in ("bladders", "growth", "measuring", "meshes", "run", "scenes", "surfaces", "volumes"):
-            del sys.modules[name]
+        found = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
+        yield {module.__name__: module for module in found}
+        for module in found:
+            del sys.modules[module.__name__]
 
 
 @pytest.fixture(scope="module")
@@ -135,3 +139,31 @@ def test_the_report_starts_with_the_machine(modules, monkeypatch, capsys):
 def test_random_organs_are_meshed_and_counted(modules):
     gmsh_or_skip()
     assert "2 random valid organs at 5 mm: 2 meshed, 0 failed" in modules["meshes"]._random(2)
+
+
+def test_every_title_has_a_report_and_the_other_way_round(modules):
+    assert list(modules["run"].reports()) == list(modules["run"].TITLES)
+    assert set(modules["run"].LONG) < set(modules["run"].TITLES)
+
+
+def test_a_correction_is_timed_against_the_fit(modules, image, scene):
+    from VICRegistrationLib.registration.organ import finish, fit_region
+
+    fit = finish(fit_region(image, scene.region))
+    assert set(modules["boundaries"].correction_seconds(image, fit, 1)) == {"correction", "fit"}
+
+
+def test_a_preview_is_timed_against_labelling(modules, image, scene):
+    pytest.importorskip("slicer", reason="slicer-core is not installed")
+    seconds = modules["previews"].preview_seconds(image, 2)
+    assert {name: len(times) for name, times in seconds.items()} == {"preview": 2, "label": 2}
+
+
+def test_energies_of_both_problems_are_told(modules):
+    gmsh_or_skip()
+    pytest.importorskip("skfem", reason="scikit-fem is not installed")
+    text = modules["simulations"].report(quick=True)
+    # A second solver on finer meshes: 351.07 and 2790.6 uJ; at 6 mm less by 0.01 and by 0.3 %.
+    weight, pressure = (float(found) for found in re.findall(r"(?:kPa|1 kPa) +6 +\d+ +(\d+\.\d{3}) ", text))
+    assert weight == pytest.approx(351.07, rel=1e-4)
+    assert pressure == pytest.approx(2790.6, rel=5e-3)

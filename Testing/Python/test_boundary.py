@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boundaries import HEIGHT_MM, PLACES, moved, off, pull
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.analysis.deviation import deviation, points_on
@@ -18,8 +19,6 @@ from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region, refit
 
 SEED = CENTER[None]
-# Places (u, v) on the surface: in the middle, on the seam, at the poles, and beside one.
-PLACES = [(0.3, 0.45), (0.61, 0.2), (0.0, 0.5), (0.1, 0.0), (0.1, 1.0), (0.4, 0.95)]
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +38,6 @@ def bladder(pelvis):
     return finish(fit_organ(pelvis.image, pelvis.seeds["bladder"]))
 
 
-def off(surface, places, heights):
-    """Points at heights over places (u, v) of a surface, mm."""
-    u, v = np.array(places, dtype=float).T
-    return surface.points(u, v) + np.asarray(heights, dtype=float)[:, None] * surface.normals(u, v)
-
-
-def moved(before, after):
-    """Points of a surface and how far they have moved along its normals, mm; both have the same parameters."""
-    u, v = (part.ravel() for part in np.meshgrid(np.linspace(0, 1, 97), np.linspace(0, 1, 65)))
-    points = before.points(u, v)
-    return points, np.einsum("nk,nk->n", after.points(u, v) - points, before.normals(u, v))
-
-
 def corrected(image, fit, points, **options):
     return finish(refit(image, fit.surface, replace(fit.options, **options), boundary_points=points))
 
@@ -59,22 +45,30 @@ def corrected(image, fit, points, **options):
 # ------------------------------------------------------------------ what is asked for
 
 
-@pytest.mark.parametrize("height", [5.0, -5.0])
+@pytest.mark.parametrize("height", [HEIGHT_MM, -HEIGHT_MM])
 @pytest.mark.parametrize("place", PLACES)
 def test_a_point_5_mm_off_the_edge_is_met_without_ringing(pelvis, bladder, place, height):
-    point = off(bladder.surface, [place], [height])
-    found = corrected(pelvis.image, bladder, point)
-    # Asked for: 0.5 mm. Measured at these and 28 other places: at most 0.11 mm.
-    assert abs(boundary_deviations(found.surface, point)[0]) < 0.2
-    points, heights = moved(bladder.surface, found.surface)
-    # Asked for: less than 10 % of 5 mm to the other side. Measured: up to 0.22 mm, where the grey levels ask for it.
-    assert (-np.sign(height) * heights).max() < 0.4
-    # Asked for: 0.25 mm beyond half the radius of the organ, 15.8 mm. Measured: up to 0.20 mm.
-    radius = (3.0 * bladder.surface.volume() / (4.0 * np.pi)) ** (1.0 / 3.0)
-    far = np.linalg.norm(points - off(bladder.surface, [place], [0.0]), axis=1) > 0.5 * radius
-    assert np.abs(heights[far]).max() < 0.25
-    assert found.converged
-    assert found.problems == ()
+    result = pull(pelvis.image, bladder, place, height)
+    # Asked for: 0.5 mm. The benchmark's case `boundary` prints at most 0.09 mm for 62 points.
+    assert result.left < 0.2
+    # Asked for: less than 10 % of 5 mm to the other side. At most 0.16 mm, where the grey levels ask for it.
+    assert result.opposite < 0.4
+    # Asked for: 0.25 mm beyond half the radius of the organ, 15.8 mm. At most 0.16 mm.
+    assert result.far < 0.25
+    assert not result.elsewhere
+    assert result.found.converged
+    assert result.found.problems == ()
+
+
+def test_in_a_thin_organ_a_point_corrects_the_wall_that_is_nearest(pelvis):
+    vagina = finish(fit_organ(pelvis.image, pelvis.seeds["vagina"]))
+    # At its rim: the wall in front or behind is nearer to a point 5 mm inside.
+    result = pull(pelvis.image, vagina, (0.61, 0.2), -HEIGHT_MM)
+    assert result.elsewhere
+    assert result.left < 0.2
+    assert result.opposite < 0.4
+    assert result.far < 0.25
+    assert result.found.problems == ()
 
 
 def test_beyond_the_points_surroundings_nothing_moves_at_all(pelvis, bladder):

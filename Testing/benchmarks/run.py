@@ -24,6 +24,9 @@ TITLES = {
     "separation": "Separating an organ in a large volume",
     "growth": "Growth of the local fit",
     "sampling": "Sampling grey levels",
+    "boundary": "Boundary points",
+    "preview": "The preview in Slicer",
+    "simulation": "Energies of finite elements",
     "meshes": "Meshes of tetrahedra",
 }
 
@@ -35,13 +38,26 @@ LONG = ("meshes",)
 def reports() -> dict[str, Callable[..., str]]:
     """Functions that measure a case and tell about it."""
     import bladders
+    import boundaries
     import growth
     import meshes
+    import previews
+    import simulations
     import surfaces
     import volumes
 
-    functions = (surfaces.report, bladders.report, volumes.separation_report, growth.report, volumes.sampling_report)
-    return dict(zip(TITLES, (*functions, meshes.report)))
+    functions = {
+        "surface": surfaces.report,
+        "experts": bladders.report,
+        "separation": volumes.separation_report,
+        "growth": growth.report,
+        "sampling": volumes.sampling_report,
+        "boundary": boundaries.report,
+        "preview": previews.report,
+        "simulation": simulations.report,
+        "meshes": meshes.report,
+    }
+    return {name: functions[name] for name in TITLES}
 
 
 def machine() -> str:
