@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray
 from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance, vtkPolyDataNormals
@@ -63,6 +65,28 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
         msg = "The mesh encloses no volume; give one of a solid organ."
         raise ValueError(msg)
     return ReferenceMesh(points, triangles if volume > 0.0 else triangles[:, ::-1])
+
+
+def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
+    """Take a mesh apart into those pieces that have no point in common.
+
+    Parameters
+    ----------
+    mesh : ReferenceMesh
+        From `closed_mesh`.
+
+    Returns
+    -------
+    tuple of ReferenceMesh
+        The one that encloses most first; hollows, which are turned inside out, are last.
+    """
+    count = len(mesh.points)
+    start, end = mesh.triangles[:, [0, 1]].ravel(), mesh.triangles[:, [1, 2]].ravel()
+    links = sparse.coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
+    _, piece = csgraph.connected_components(links, directed=False)
+    of_triangle = piece[mesh.triangles[:, 0]]
+    found = [ReferenceMesh(mesh.points, mesh.triangles[of_triangle == number]) for number in np.unique(of_triangle)]
+    return tuple(sorted(found, key=enclosed_volume, reverse=True))
 
 
 def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
