@@ -163,6 +163,8 @@ def test_a_segment_is_taken_by_its_voxels_on_its_own_grid(logic, organ):
 
 
 def test_a_segment_that_shares_its_label_map_is_told_from_the_others(logic, organ):
+    from VICRegistrationLib.mrml.comparing import comparisonText
+
     image = label_image(ellipsoid())
     other = np.zeros_like(image.array)
     other[2:5, 2:5, 2:5] = 1
@@ -170,8 +172,19 @@ def test_a_segment_that_shares_its_label_map_is_told_from_the_others(logic, orga
     node.GetSegmentation().CollapseBinaryLabelmaps(False)
     assert node.GetSegmentation().GetNumberOfLayers() == 1
     found = logic.compare(organ, node, "segment s")
+    assert "pieces" not in comparisonText(organ)
     assert found.volume_dice > 0.95
     assert found.reference_ml == pytest.approx(image.array.sum() * image.voxel_volume / 1000.0, rel=0.05)
+
+
+def test_stray_pieces_of_a_reference_are_told(logic, organ):
+    from VICRegistrationLib.mrml.comparing import comparisonText
+
+    image = label_image(ellipsoid())
+    image.array[2:5, 2:5, 2:5] = 1
+    logic.compare(organ, add_segmentation(image))
+    assert "2 pieces" in comparisonText(organ)
+    assert "Islands" in comparisonText(organ)
 
 
 def test_a_segment_that_came_as_a_surface_is_taken_as_that(logic, organ):
@@ -304,7 +317,9 @@ def test_the_surface_is_coloured_with_one_range_on_both_sides_and_a_legend(logic
     assert display.GetScalarRange() == (-5.0, 5.0)
     assert display.GetColorNode().GetName() == "DivergingBlueRed"
     assert legend.GetVisibility()
-    assert legend.GetTitleText() == "bladder surface\nDeviation (mm)"
+    assert legend.GetTitleText() == DEVIATION
+    # In slice views it would lie on the image.
+    assert not legend.GetVisibility2D()
     values = colors_of(organ)
     points = slicer.util.arrayFromModelPoints(organ.surface)
     right, left = values[points[:, 0].argmax()], values[points[:, 0].argmin()]
@@ -327,23 +342,31 @@ def test_the_organs_colour_comes_back_and_goes(logic, organ):
     assert display.GetActiveScalarName() == DEVIATION
 
 
-def test_legends_do_not_lie_on_each_other_and_hide_with_their_organs(logic, organ):
+def test_organs_in_the_same_colours_have_one_range_and_one_legend(logic, organ):
     from VICRegistrationLib.mrml.organ_nodes import setVisible
 
     second = add_organ(logic, "second", logic.getParameterNode().volume, larger(1.0))
-    reference = surface_model(larger(2.0))
-    for one in (organ, second):
-        logic.compare(one, reference)
-    first_place, second_place = legend_of(organ).GetPosition(), legend_of(second).GetPosition()
-    assert first_place[0] - second_place[0] > legend_of(organ).GetSize()[0]
+    for one, millimetres in ((organ, 0.7), (second, 2.9)):
+        logic.compare(one, surface_model(larger(millimetres)))
+
+    def range_of(one):
+        return one.surface.GetDisplayNode().GetScalarRange()
+
+    def shown():
+        legends = slicer.util.getNodesByClass("vtkMRMLColorLegendDisplayNode")
+        return [legend.GetDisplayableNode() for legend in legends if legend.GetVisibility()]
+
+    assert range_of(organ) == range_of(second) == (-2.0, 2.0)
+    assert shown() == [organ.surface]
+    # It is one of an organ that is seen.
     setVisible(organ, False)
-    assert not legend_of(organ).GetVisibility()
+    assert shown() == [second.surface]
     setVisible(organ, True)
-    assert legend_of(organ).GetVisibility()
-    assert legend_of(organ).GetPosition() == first_place
-    setVisible(second, False)
-    logic.compare(organ, reference)
-    assert not legend_of(second).GetVisibility()
+    logic.organs().remove(second)
+    assert shown() == [organ.surface]
+    assert range_of(organ) == (-1.0, 1.0)
+    setVisible(organ, False)
+    assert shown() == []
 
 
 def test_a_surface_that_changes_gets_its_own_colour_back(logic, organ):
@@ -409,7 +432,13 @@ def test_a_fit_that_knows_how_sure_it_is_brings_the_standard_deviation_along(log
     display = organ.surface.GetDisplayNode()
     assert display.GetScalarRange() == (0.0, 2.0)
     assert display.GetColorNode().GetName() == "Viridis"
-    assert legend_of(organ).GetTitleText().endswith(STANDARD_DEVIATION)
+    assert legend_of(organ).GetTitleText() == STANDARD_DEVIATION
+    # Beside deviations of another organ, and with a range of its own.
+    other = add_organ(logic, "other", volume)
+    logic.compare(other, surface_model(larger(0.7)))
+    assert abs(legend_of(organ).GetPosition()[0] - legend_of(other).GetPosition()[0]) > legend_of(organ).GetSize()[0]
+    assert other.surface.GetDisplayNode().GetScalarRange() == (-1.0, 1.0)
+    assert display.GetScalarRange() == (0.0, 2.0)
     # A new fit has such numbers as well, and goes on showing them.
     from VICRegistrationLib.mrml.fitting import fitSteps
 
@@ -421,27 +450,46 @@ def test_a_fit_that_knows_how_sure_it_is_brings_the_standard_deviation_along(log
 # --- table -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_row_for_every_organ_patient_and_reference(logic, organ):
-    first = add_segmentation(label_image(larger(1.0)))
-    second = surface_model(larger(0.5), "second reader")
-    logic.compare(organ, first)
-    logic.compare(organ, second)
-    logic.compare(organ, second, patient="P 2")
-    other = add_organ(logic, "rectum", logic.getParameterNode().volume, larger(0.5))
-    logic.compare(other, second)
-    names = [tuple(row[name] for name in ("Patient", "Organ", "Reference")) for row in rows()]
-    assert names == [
-        ("mri", "bladder", "expert: segment s"),
-        ("mri", "bladder", "second reader"),
-        ("P 2", "bladder", "second reader"),
-        ("mri", "rectum", "second reader"),
-    ]
+@pytest.fixture(scope="module")
+def measured():
+    """Two comparisons that were made beforehand."""
+    return compare(ellipsoid(), larger(1.0), n_points=500), compare(ellipsoid(), larger(2.0), n_points=500)
+
+
+@pytest.fixture
+def add_row(slicer_module, measured):
+    """Function that writes one of them into the table; the names are those of patient, organ and reference."""
+    from VICRegistrationLib.mrml.comparison_table import addComparison
+
+    def add(*names, which=0):
+        return addComparison(measured[which], **dict(zip(("patient", "organ", "reference"), names)))
+
+    return add
+
+
+def names_in_rows():
+    return [tuple(row[name] for name in ("Patient", "Organ", "Reference")) for row in rows()]
+
+
+def test_a_row_for_every_organ_patient_and_reference(add_row, measured):
+    names = [("P 1", "bladder", "expert"), ("P 1", "bladder", "second"), ("P 2", "bladder", "second")]
+    names.append(("P 1", "rectum", "second"))
+    for each in names:
+        add_row(*each)
+    assert names_in_rows() == names
     # Comparing again replaces the row in its place.
-    logic.setSurface(organ, larger(0.5))
-    found = logic.compare(organ, second)
-    assert [tuple(row[name] for name in ("Patient", "Organ", "Reference")) for row in rows()] == names
-    assert float(rows()[1]["Mean to surface (mm)"]) == pytest.approx(found.to_surface.mean, abs=1e-4)
+    add_row(*names[1], which=1)
+    assert names_in_rows() == names
+    found = [float(row["Signed mean (mm)"]) for row in rows()]
+    assert found == pytest.approx([measured[k].to_surface.mean_signed for k in (0, 1, 0, 0)], abs=1e-4)
     assert slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 1
+
+
+def test_a_row_is_named_after_patient_organ_and_reference(logic, organ):
+    segmentation, model = add_segmentation(label_image(larger(1.0))), surface_model(larger(0.5), "second reader")
+    logic.compare(organ, segmentation)
+    logic.compare(organ, model, patient="P 2")
+    assert names_in_rows() == [("mri", "bladder", "expert: segment s"), ("P 2", "bladder", "second reader")]
 
 
 def test_the_columns_say_what_they_hold_and_in_which_unit(logic, organ):
@@ -471,32 +519,30 @@ def test_the_columns_say_what_they_hold_and_in_which_unit(logic, organ):
     assert expected["Signed mean (mm)"] == pytest.approx(-1.0, abs=0.05)
 
 
-def test_columns_and_rows_of_others_stay(logic, organ):
-    reference = surface_model(larger(1.0))
-    logic.compare(organ, reference)
+def test_columns_and_rows_of_others_stay(add_row):
+    add_row("P 1", "bladder", "expert")
     notes = vtk.vtkStringArray()
     notes.SetName('Note, "quoted"')
     notes.InsertNextValue("a line\nand another")
     table().GetTable().AddColumn(notes)
     table().GetTable().RemoveColumnByName("Volume Dice")
-    logic.compare(organ, reference)
-    logic.compare(organ, reference, patient="another")
+    add_row("P 1", "bladder", "expert")
+    add_row("P 2", "bladder", "expert")
     assert [row['Note, "quoted"'] for row in rows()] == ["a line\nand another", ""]
     assert all(0.0 < float(row["Volume Dice"]) < 1.0 for row in rows())
 
 
-def test_a_table_that_was_removed_is_made_again_and_one_of_that_name_is_let_be(logic, organ):
+def test_a_table_that_was_removed_is_made_again_and_one_of_that_name_is_let_be(add_row):
     theirs = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", "VIC comparison")
-    reference = surface_model(larger(1.0))
-    logic.compare(organ, reference)
+    add_row("P 1", "bladder", "expert")
     assert theirs.GetNumberOfRows() == 0
     table().SetName("renamed")
-    logic.compare(organ, reference)
+    add_row("P 1", "bladder", "expert")
     assert len(rows()) == 1
     slicer.mrmlScene.RemoveNode(table())
-    logic.compare(organ, reference)
+    add_row("P 1", "bladder", "expert")
     assert len(rows()) == 1
-    assert table().GetName().startswith("VIC comparison")
+    assert table().GetName() == "VIC comparison"
 
 
 def test_without_a_comparison_there_is_nothing_to_copy(logic, organ):
@@ -549,6 +595,7 @@ def test_table_colours_and_reference_come_back_from_a_bundle(logic, organ, scene
     assert legend_of(organ).GetVisibility()
     assert comparisonText(organ) == text
     (old,), (row,) = before, rows()
+    assert table().GetTable().GetColumnByName("Volume Dice").IsA("vtkDoubleArray")
     assert list(row) == list(old)
     for name, value in old.items():
         # Tables are written with 6 digits.

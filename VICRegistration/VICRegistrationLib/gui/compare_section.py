@@ -40,7 +40,7 @@ class CompareSection:
         self._segment = SegmentChoice(ui.referenceSegmentSelector, "referenceSegmentation", "referenceSegmentId")
         for name, text, _remedy in _colorings():
             ui.colorByCombo.addItem(text, name)
-        ui.patientEdit.connect("editingFinished()", self._patientTyped)
+        ui.patientEdit.connect("textChanged(QString)", self._patientTyped)
         ui.compareButton.connect("clicked()", self._compare)
         ui.colorByCombo.connect("currentIndexChanged(int)", self._coloringChosen)
         ui.copyTableButton.connect("clicked()", self._copy)
@@ -100,9 +100,15 @@ class CompareSection:
         edit, volumeNode = self._ui.patientEdit, self._patientVolume()
         edit.placeholderText = volumeNode.GetName() if volumeNode is not None else ""
         name = patientOf(volumeNode)
-        edit.text = name if name != edit.placeholderText else ""
+        name = name if name != edit.placeholderText else ""
+        if edit.text.strip() == name:
+            # As it is being typed.
+            return
+        blocked = edit.blockSignals(True)
+        edit.text = name
+        edit.blockSignals(blocked)
 
-    def _patientTyped(self):
+    def _patientTyped(self, _text=None):
         if self._patientVolume() is not None:
             setPatient(self._patientVolume(), self._ui.patientEdit.text)
 
@@ -124,8 +130,6 @@ class CompareSection:
         colorBy(self._organ.surface, name or None)
 
     def _compare(self):
-        # A name that is still being typed counts.
-        self._patientTyped()
         try:
             with slicer.util.WaitCursor():
                 compareOrgan(self._organ, self._patientVolume(), *self._organ.reference())

@@ -1,8 +1,9 @@
-"""Surfaces coloured by numbers at their points, with a legend beside them."""
+"""Surfaces coloured by numbers at their points: one range and one legend for all that show the same numbers."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import slicer
@@ -12,16 +13,37 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 # Names of the points' numbers in the model, which Slicer shows as they are.
 DEVIATION, STANDARD_DEVIATION = "Deviation (mm)", "Standard deviation (mm)"
-# Numbers with a sign are shown from blue to red, with the same range on both sides of zero.
-_DIVERGING = (DEVIATION,)
-_DIVERGING_COLORS = "vtkMRMLColorTableNodeFileDivergingBlueRed.txt"
-_SEQUENTIAL_COLORS = "vtkMRMLColorTableNodeFileViridis.txt"
 # The colours end here, so that one corner that is far off does not make all the rest look alike.
 _PERCENTILE = 95.0
 _LEAST_RANGE = 0.1
-# From the right edge of a view; a legend takes 0.15 of its width.
-_LEGEND_PLACES = (0.95, 0.75, 0.55, 0.35, 0.15)
-_LEGEND_HEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """How numbers are shown.
+
+    Parameters
+    ----------
+    colors : str
+        ID of Slicer's colour node.
+    signed : bool
+        Whether zero is in the middle.
+    labels : int
+        Of the legend: their steps then have as few digits as the ends of the range.
+    place : (x, y)
+        Of the legend in the view, 0 to 1.
+    """
+
+    colors: str
+    signed: bool
+    labels: int
+    place: tuple[float, float]
+
+
+_SCALES = {
+    DEVIATION: _Scale("vtkMRMLColorTableNodeFileDivergingBlueRed.txt", True, 5, (0.95, 0.5)),
+    STANDARD_DEVIATION: _Scale("vtkMRMLColorTableNodeFileViridis.txt", False, 6, (0.05, 0.5)),
+}
 
 
 def addNumbers(data, name, values):
@@ -30,8 +52,8 @@ def addNumbers(data, name, values):
     Parameters
     ----------
     data : vtkPolyData
-    name : str
-        Such as `DEVIATION`; numbers of this name are replaced.
+    name : {DEVIATION, STANDARD_DEVIATION}
+        Numbers of this name are replaced.
     values : (n,) array_like
         One for every point.
     """
@@ -42,7 +64,7 @@ def addNumbers(data, name, values):
 
 
 def hasNumbers(modelNode, name):
-    """Whether the points of a model have numbers of a name.
+    """Whether the points of a model have numbers that it can be coloured by.
 
     Parameters
     ----------
@@ -53,7 +75,7 @@ def hasNumbers(modelNode, name):
     -------
     bool
     """
-    return modelNode is not None and name is not None and _has(modelNode.GetPolyData(), name)
+    return modelNode is not None and name in _SCALES and _has(modelNode.GetPolyData(), name)
 
 
 def coloredBy(modelNode):
@@ -81,18 +103,13 @@ def colorBy(modelNode, name=None):
     Parameters
     ----------
     modelNode : vtkMRMLModelNode or None
-    name : str, optional
-        Of the numbers; the model shows its own colour if not given.
+    name : {DEVIATION, STANDARD_DEVIATION}, optional
+        The model shows its own colour if not given.
 
     Raises
     ------
     ValueError
         If there is no model, or its points have no such numbers.
-
-    Notes
-    -----
-    The range is that of 95 % of the points, rounded up to 1, 2 or 5 times a power of ten, at least 0.1; what is beyond
-    it has the colours of its ends.
     """
     if modelNode is None:
         raise ValueError(_("There is no surface yet; one is needed to be coloured. Fit the organ first."))
@@ -108,11 +125,10 @@ def colorBy(modelNode, name=None):
     with slicer.util.NodeModify(display):
         if name is not None:
             display.SetActiveScalar(name, vtk.vtkAssignAttribute.POINT_DATA)
-            display.SetAndObserveColorNodeID(_DIVERGING_COLORS if name in _DIVERGING else _SEQUENTIAL_COLORS)
+            display.SetAndObserveColorNodeID(_SCALES[name].colors)
             display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseManualScalarRange)
-            display.SetScalarRange(*_range(modelNode.GetPolyData(), name))
         display.SetScalarVisibility(name is not None)
-    showLegend(modelNode)
+    updateLegends()
 
 
 def exchangePolyData(modelNode, data):
@@ -128,62 +144,75 @@ def exchangePolyData(modelNode, data):
         colorBy(modelNode, None)
     modelNode.SetAndObservePolyData(data)
     if coloredBy(modelNode) is not None:
-        colorBy(modelNode, name)
+        updateLegends()
 
 
-def showLegend(modelNode):
-    """Show the legend of a model that is seen in colours, beside those of others, and hide it otherwise.
+def updateLegends():
+    """Give all models that are coloured by the same numbers one range, and those of them that are seen one legend.
 
-    Parameters
-    ----------
-    modelNode : vtkMRMLModelNode
+    Notes
+    -----
+    The range holds 95 % of the points of each model. It is rounded up to 1, 2 or 5 times a power of ten, and at least
+    0.1; what is beyond it has the colours of its ends.
     """
-    name = coloredBy(modelNode)
-    visible = name is not None and bool(modelNode.GetDisplayNode().GetVisibility())
-    legend = _legendOf(modelNode, make=visible)
+    models = slicer.util.getNodesByClass("vtkMRMLModelNode")
+    names = [coloredBy(node) for node in models]
+    for name, scale in _SCALES.items():
+        colored = [node for node, shown in zip(models, names) if shown == name]
+        high = _roundedUp(max([_LEAST_RANGE, *(_extent(node, name) for node in colored)]))
+        for node in colored:
+            node.GetDisplayNode().SetScalarRange(-high if scale.signed else 0.0, high)
+        seen = [node for node in colored if node.GetDisplayNode().GetVisibility()]
+        for node in seen[:1]:
+            _showLegend(node, name, high)
+        for node in [*seen[1:], *(node for node in colored if node not in seen)]:
+            _hideLegend(node)
+    for node, name in zip(models, names):
+        if name is None:
+            _hideLegend(node)
+
+
+def _showLegend(modelNode, name, high):
+    colors, scale = _colorLogic(), _SCALES[name]
+    legend = colors.AddDefaultColorLegendDisplayNode(modelNode) if colors is not None else None
     if legend is None:
         return
-    if not visible:
-        legend.SetVisibility(False)
-        return
-    high = modelNode.GetDisplayNode().GetScalarRange()[1]
-    taken = [other.GetPosition()[0] for other in _legends() if other is not legend and other.GetVisibility()]
-    free = [place for place in _LEGEND_PLACES if all(abs(place - other) > 0.01 for other in taken)]
     with slicer.util.NodeModify(legend):
-        if not legend.GetVisibility() or legend.GetPosition()[0] not in free:
-            legend.SetPosition((free or _LEGEND_PLACES)[0], _LEGEND_HEIGHT)
-        legend.SetTitleText(f"{modelNode.GetName()}\n{name}")
-        # So many labels that their steps have as few digits as the ends of the range.
-        legend.SetNumberOfLabels(5 if name in _DIVERGING else 6)
+        legend.SetTitleText(name)
+        legend.SetPosition(*scale.place)
+        legend.SetNumberOfLabels(scale.labels)
         legend.SetLabelFormat("%.2f" if high < 1.0 else "%.1f")
+        # In the slices it would lie on the image.
+        legend.SetVisibility2D(False)
         legend.SetVisibility(True)
+
+
+def _hideLegend(modelNode):
+    colors = _colorLogic()
+    if colors is None or modelNode.GetDisplayNode() is None:
+        return
+    legend = colors.GetColorLegendDisplayNode(modelNode)
+    if legend is not None and legend.GetTitleText() in _SCALES:
+        legend.SetVisibility(False)
+
+
+def _colorLogic():
+    """Logic of Slicer's module Colors, or None where that is switched off."""
+    module = getattr(slicer.modules, "colors", None)
+    return module.logic() if module is not None else None
 
 
 def _has(data, name):
     return data is not None and bool(data.GetPointData().HasArray(name))
 
 
-def _range(data, name):
-    """Range of the colours for the numbers of a name."""
-    values = np.abs(vtk_to_numpy(data.GetPointData().GetArray(name)))
-    high = _roundedUp(max(float(np.percentile(values, _PERCENTILE)) if len(values) else 0.0, _LEAST_RANGE))
-    return (-high if name in _DIVERGING else 0.0), high
+def _extent(modelNode, name):
+    """Size that the numbers at most points of a model do not exceed."""
+    values = np.abs(vtk_to_numpy(modelNode.GetPolyData().GetPointData().GetArray(name)))
+    return float(np.percentile(values, _PERCENTILE)) if len(values) else 0.0
 
 
 def _roundedUp(value):
     """1, 2 or 5 times a power of ten that is not below a value, as far as its first digits tell."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= 0.999 * value)
-
-
-def _legendOf(modelNode, *, make):
-    """Legend of a model, made where there is none if that is asked for; None where Slicer has no module Colors."""
-    colors = getattr(slicer.modules, "colors", None)
-    if colors is None or modelNode.GetDisplayNode() is None:
-        return None
-    legend = colors.logic().GetColorLegendDisplayNode(modelNode)
-    return colors.logic().AddDefaultColorLegendDisplayNode(modelNode) if legend is None and make else legend
-
-
-def _legends():
-    return slicer.util.getNodesByClass("vtkMRMLColorLegendDisplayNode")

@@ -57,7 +57,7 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
     _checkOverlap(comparison, organ, name)
     data = organ.surface.GetPolyData()
     addNumbers(data, DEVIATION, distances_from(found, slicer.util.arrayFromModelPoints(organ.surface)))
-    _setText(data, _told(comparison, name))
+    _setText(data, "\n".join([_told(comparison, name), *_warnings(found)]))
     colorBy(organ.surface, DEVIATION)
     patient = patient or patientOf(volumeNode)
     addComparison(comparison, patient=patient, organ=organ.label, reference=name)
@@ -144,6 +144,22 @@ def _told(comparison, name):
             ),
         ]
     )
+
+
+def _warnings(reference):
+    """Tell of what makes distances look larger than they are."""
+    from ..analysis.closed_mesh import closed_mesh, pieces
+    from ..geometry.surface import BSplineSurface
+
+    count = 1 if isinstance(reference, BSplineSurface) else len(pieces(closed_mesh(reference)))
+    if count == 1:
+        return []
+    return [
+        _(
+            "The reference has {count} pieces or hollows, and all of them count; Islands in Segment Editor removes "
+            "stray ones."
+        ).format(count=count)
+    ]
 
 
 def _setText(data, text):
