@@ -93,7 +93,8 @@ def test_organs_find_their_references_in_a_folder(fitted, truth, capsys):
     text = capsys.readouterr().out
     lines = rows(text)
     assert [line[0] for line in lines[1:5]] == ["bladder", "bladder", "rectum", "rectum"]
-    assert [line[-1] for line in lines[1:5]] == ["+1.00"] * 4
+    # The triangles lie up to 0.01 mm inside of their ball.
+    assert [float(line[-1]) for line in lines[1:5]] == pytest.approx([1.0] * 4, abs=0.011)
     assert "Dice 0.5 mm   Dice 1.5 mm   volume Dice" in text
     assert [line[3:5] for line in lines[6:]] == [["0.000", "1.000"]] * 2
 

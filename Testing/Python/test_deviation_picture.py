@@ -40,7 +40,7 @@ def painted(figure):
 def middle_of(pixels, *, red):
     """Place of the strongly red, or blue, pixels in a picture: column and row, from 0 to 1."""
     difference = (pixels[..., 0] - pixels[..., 2]) * (1.0 if red else -1.0)
-    rows, columns = np.nonzero(difference > 0.35)
+    rows, columns = np.nonzero(difference > 0.3)
     assert len(rows) > 50
     return columns.mean() / pixels.shape[1], rows.mean() / pixels.shape[0]
 
@@ -57,7 +57,7 @@ def shown_from(mesh, values, side):
 )
 def test_sides_are_not_mirrored(mesh, number, axis, positive_is_left):
     # From the front, the patient's right is on the viewer's left, as in an encounter; and so on.
-    height = (mesh.points - CENTER) / 20.0
+    height = (mesh.points - CENTER) / 10.0
     pixels = shown_from(mesh, height[:, axis], SIDES[number])
     red, blue = middle_of(pixels, red=True)[0], middle_of(pixels, red=False)[0]
     assert (red < blue) == positive_is_left

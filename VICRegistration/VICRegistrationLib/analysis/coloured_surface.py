@@ -34,8 +34,8 @@ class Side:
 # Together they show all of a surface.
 SIDES = (
     Side("from the front, above", (0.0, 1.0, _TILT)),
-    Side("from the left, above", (-1.0, 0.0, _TILT)),
-    Side("from the back, below", (0.0, -1.0, -_TILT)),
+    Side("from the left, below", (-1.0, 0.0, -_TILT)),
+    Side("from the back, above", (0.0, -1.0, _TILT)),
     Side("from the right, below", (1.0, 0.0, -_TILT)),
 )
 

@@ -33,7 +33,7 @@ Of a label image with several labels, the segment that is named like the organ i
 Distances are taken from points of the reference to the exact fitted surface, and from points of the fitted surface to
 the reference. Signed ones are positive where the fitted surface lies outside of the reference.
 
-DIR gets
+DIR, best one of its own, gets
   NAME_deviation.vtp  triangles of the fitted surface with their distance from the reference as "Deviation" (mm); LPS
   NAME_deviation.png  the surface coloured by it, histogram and table
   {CSV}      the numbers, a line for each organ
@@ -43,7 +43,7 @@ examples:
   vic-registration compare organs/bladder.json segmentation.seg.nrrd
   vic-registration compare organs/bladder.json label.nii.gz --label 3 --largest --output deviation
   vic-registration compare organs/*.vtp label.nii.gz --label bladder=3 --label rectum=5
-  vic-registration compare organs/*.vtp truth/ --tolerance 0.3 --tolerance 1
+  vic-registration compare organs/*.vtp truth/ --tolerance 0.3 --tolerance 1 --output deviation
 """
 
 
