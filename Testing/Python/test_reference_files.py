@@ -148,3 +148,14 @@ def test_options_of_other_kinds_are_refused(surface, tmp_path):
             ValueError, match=rf"The option {next(iter(option))} was given, which does not fit .*surface"
         ):
             read_reference(path, **option)
+
+
+def test_the_experts_lumen_is_read_without_its_stray_pieces(shared_data):
+    path = shared_data / "bladder_mri" / "full_p5_label.nii.gz"
+    if not path.exists():
+        pytest.skip("there are no images of bladders in ../shared/data")
+    with pytest.raises(ValueError, match="holds 3 labels, 1, 2, 3; choose one"):
+        read_reference(path)
+    read = read_reference(path, label=3, largest=True)
+    # What the experts' voxels have in all, less what the corners of voxels lose.
+    assert enclosed_volume(read.reference) / 1000.0 == pytest.approx(148.4, abs=0.5)
