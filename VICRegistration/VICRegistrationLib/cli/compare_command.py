@@ -189,18 +189,19 @@ def _reference_paths(reference: str, solids: Sequence[Solid]) -> dict[str, Path]
 
 def _labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Label of each organ out of words LABEL, for all of them, and ORGAN=LABEL."""
-    chosen, common = {}, [word for word in words if "=" not in word]
+    common = [word for word in words if "=" not in word]
     if len(common) > 1:
         msg = f"--label was given {len(common)} times; say which is for which organ, as --label {names[0]}={common[0]}."
         raise ValueError(msg)
+    chosen = {name: label for label in common for name in names}
     for word in words:
-        name, given, label = word.rpartition("=")
-        if given and name not in names:
+        name, own, label = word.rpartition("=")
+        if own and name not in names:
             msg = f"--label {word} was given, but the organs are {', '.join(names)}; name one of them."
             raise ValueError(msg)
-        for organ in [name] if given else names:
-            chosen.setdefault(organ, label)
-    return {**chosen, **{word.rpartition("=")[0]: word.rpartition("=")[2] for word in words if "=" in word}}
+        if own:
+            chosen[name] = label
+    return chosen
 
 
 def _points(text: str) -> int:
