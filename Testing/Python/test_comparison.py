@@ -178,7 +178,7 @@ def test_points_that_are_there_for_each_triangle_are_merged():
 
 def test_what_encloses_nothing_is_refused():
     points, triangles = _cube()
-    with pytest.raises(ValueError, match="The mesh is open: 3 edges have a triangle on one side only"):
+    with pytest.raises(ValueError, match="The mesh is open: 3 edges have a triangle without a neighbour"):
         compare(ball(5.0), ReferenceMesh(points, triangles[1:]))
     with pytest.raises(ValueError, match="The mesh has no triangles"):
         compare(ball(5.0), ReferenceMesh(points, triangles[:0]))

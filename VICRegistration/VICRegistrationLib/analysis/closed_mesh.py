@@ -54,8 +54,8 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
     open_edges, turned_edges = _doubtful_edges(triangles, len(points))
     if open_edges:
         msg = (
-            f"The mesh is open: {open_edges} edges have a triangle on one side only; inside and outside need a closed "
-            "one, so fill its holes first."
+            f"The mesh is open: {open_edges} edges have a triangle without a neighbour; inside and outside need a "
+            "closed one, so fill its holes first."
         )
         raise ValueError(msg)
     if turned_edges:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.triangulation import TriangleMesh
-from .shading import Camera, shaded_triangles
+from .shading import MATT, Camera, shaded_triangles
 
 _TEXT_COLOUR = "#2b2f36"
 _LETTER_COLOUR = "#7d8592"
@@ -34,8 +34,8 @@ class Side:
 # Together they show all of a surface.
 SIDES = (
     Side("from the front, above", (0.0, 1.0, _TILT)),
-    Side("from the left, above", (-1.0, 0.0, _TILT)),
-    Side("from the back, below", (0.0, -1.0, -_TILT)),
+    Side("from the left, below", (-1.0, 0.0, -_TILT)),
+    Side("from the back, above", (0.0, -1.0, _TILT)),
     Side("from the right, below", (1.0, 0.0, -_TILT)),
 )
 
@@ -78,8 +78,8 @@ def draw_sides(
         axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
         axes.set_title(side.caption, size=10, color=_TEXT_COLOUR, pad=3)
         for horizontal, direction in (("left", -camera.right), ("right", camera.right)):
-            position = (0.02 if horizontal == "left" else 0.98, 0.5)
-            style = {"ha": horizontal, "va": "center", "size": 10, "weight": "bold", "color": _LETTER_COLOUR}
+            position = (0.08 if horizontal == "left" else 0.92, 0.06)
+            style = {"ha": horizontal, "va": "bottom", "size": 10, "weight": "bold", "color": _LETTER_COLOUR}
             axes.text(*position, _letter(direction), transform=axes.transAxes, **style)
 
 
@@ -107,7 +107,7 @@ def draw_coloured(
 
     each = np.asarray(values, dtype=float)[mesh.triangles].mean(axis=1)
     colours = colormaps[colour_map](Normalize(*limits)(each))[:, :3]
-    corners, shades = shaded_triangles([mesh], [colours], camera)
+    corners, shades = shaded_triangles([mesh], [colours], camera, finish=MATT)
     axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
     axes.autoscale_view()
     axes.set_aspect("equal")

@@ -98,6 +98,7 @@ def colour_limit(distances: np.ndarray) -> float:
 def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
     """Distances of the fitted surface's points in the colours of the picture, those of the reference's as a line."""
     from matplotlib import colormaps
+    from matplotlib.patches import Patch
 
     # A quarter more on both sides shows what lies beyond the colours; the last bars hold all the rest.
     edges = 1.25 * limit * np.linspace(-1.0, 1.0, _BINS + 1)
@@ -107,14 +108,15 @@ def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
         shares.append(100.0 * counts / len(signed))
     middles = (edges[1:] + edges[:-1]) / 2.0
     colours = colormaps[COLOUR_MAP]((middles / limit + 1.0) / 2.0)
-    axes.bar(middles, shares[0], np.diff(edges), color=colours, label="from the fitted surface to the reference")
-    axes.stairs(shares[1], edges, color=_LINE_COLOUR, linewidth=1.1, label="from the reference to the fitted surface")
+    axes.bar(middles, shares[0], np.diff(edges), color=colours)
+    line = axes.stairs(shares[1], edges, color=_LINE_COLOUR, linewidth=1.1)
     axes.axvline(0.0, color="#9aa1ac", linewidth=0.8)
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("signed distance, mm", color=_TEXT_COLOUR)
     axes.set_ylabel("share of the area, %", color=_TEXT_COLOUR)
     axes.margins(y=0.25)
-    axes.legend(fontsize=8.5, frameon=False, loc="upper left")
+    handles = {Patch(color="#c3c9d3"): "from the fitted surface", line: "from the reference"}
+    axes.legend(list(handles), list(handles.values()), fontsize=8.5, frameon=False, loc="upper left")
     for spine in ("top", "right"):
         axes.spines[spine].set_visible(False)
 

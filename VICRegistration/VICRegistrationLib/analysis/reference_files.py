@@ -17,8 +17,6 @@ from ..imaging.separation import region_from_mask
 from .closed_mesh import closed_mesh, pieces
 from .deviation import Reference, ReferenceMesh, mesh_of_mask
 
-KINDS = ("surface", "mesh", "label image")
-
 
 @dataclass(frozen=True, eq=False)
 class ReadReference:

@@ -33,7 +33,7 @@ Of a label image with several labels, the segment that is named like the organ i
 Distances are taken from points of the reference to the exact fitted surface, and from points of the fitted surface to
 the reference. Signed ones are positive where the fitted surface lies outside of the reference.
 
-DIR gets
+DIR, best one of its own, gets
   NAME_deviation.vtp  triangles of the fitted surface with their distance from the reference as "Deviation" (mm); LPS
   NAME_deviation.png  the surface coloured by it, histogram and table
   {CSV}      the numbers, a line for each organ
@@ -43,7 +43,7 @@ examples:
   vic-registration compare organs/bladder.json segmentation.seg.nrrd
   vic-registration compare organs/bladder.json label.nii.gz --label 3 --largest --output deviation
   vic-registration compare organs/*.vtp label.nii.gz --label bladder=3 --label rectum=5
-  vic-registration compare organs/*.vtp truth/ --tolerance 0.3 --tolerance 1
+  vic-registration compare organs/*.vtp truth/ --tolerance 0.3 --tolerance 1 --output deviation
 """
 
 
@@ -189,18 +189,19 @@ def _reference_paths(reference: str, solids: Sequence[Solid]) -> dict[str, Path]
 
 def _labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Label of each organ out of words LABEL, for all of them, and ORGAN=LABEL."""
-    chosen, common = {}, [word for word in words if "=" not in word]
+    common = [word for word in words if "=" not in word]
     if len(common) > 1:
         msg = f"--label was given {len(common)} times; say which is for which organ, as --label {names[0]}={common[0]}."
         raise ValueError(msg)
+    chosen = {name: label for label in common for name in names}
     for word in words:
-        name, given, label = word.rpartition("=")
-        if given and name not in names:
+        name, own, label = word.rpartition("=")
+        if own and name not in names:
             msg = f"--label {word} was given, but the organs are {', '.join(names)}; name one of them."
             raise ValueError(msg)
-        for organ in [name] if given else names:
-            chosen.setdefault(organ, label)
-    return {**chosen, **{word.rpartition("=")[0]: word.rpartition("=")[2] for word in words if "=" in word}}
+        if own:
+            chosen[name] = label
+    return chosen
 
 
 def _points(text: str) -> int:

@@ -26,6 +26,8 @@ JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
 SCALARS = "Deviation"
 _CHORD_ERROR = 0.05
+# Below it, surface and reference are hardly of the same organ.
+_DOUBTFUL_DICE = 0.1
 # Small enough to look smooth, and to show where the deviation changes.
 _LEAST_RESOLUTION = (128, 80)
 _STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum", "mean_signed")
@@ -61,9 +63,10 @@ class ComparedOrgan:
     def warnings(self) -> list[str]:
         """What should be looked at before the numbers are used, a sentence each."""
         found = list(self.read.notes)
-        if self.comparison.volume_dice == 0.0:
+        if self.comparison.volume_dice < _DOUBTFUL_DICE:
             found.append(
-                f"has no volume in common with {self.against}; check that both belong to the same image"
+                f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
+                "that both are of one organ in one image"
                 + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
             )
         return found

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import SimpleITK as sitk
 
 from .image import Image
-from .reading import read_image
+from .reading import read_header, read_image
 
 # So many labels are listed before the rest is only counted.
 _LISTED = 12
+# An image with more values than this is hardly a segmentation.
+_MANY = 255
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,10 @@ def read_label(path: str | os.PathLike, label: int | str | None = None, *, organ
     path : path
         Any image that SimpleITK reads; segments of Slicer's .seg.nrrd files have names, and may be in several layers.
     label : int or str, optional
-        Value or name of the segment. If not given, the only one that there is, or the one that has the organ's name.
+        Value or name of the segment, in upper or lower case. If not given, the only one that there is, or the one that
+        has the organ's name.
     organ : str
-        Name of the organ; upper and lower case are one.
+        Name of the organ.
 
     Returns
     -------
@@ -83,24 +85,17 @@ def read_label(path: str | os.PathLike, label: int | str | None = None, *, organ
 
 def _named_segments(path: Path) -> tuple[list[Segment], int]:
     """Segments that a file's header tells of, and the number of values in a voxel."""
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(str(path))
-    try:
-        reader.ReadImageInformation()
-    except RuntimeError:
-        # read_image says what is wrong.
-        return [], 1
+    header, layers = read_header(path)
     told: dict[int, dict[str, str]] = {}
-    for key in reader.GetMetaDataKeys():
+    for key, text in header.items():
         match = re.fullmatch(r"Segment(\d+)_(Name|LabelValue|Layer)", key)
         if match:
-            told.setdefault(int(match[1]), {})[match[2]] = reader.GetMetaData(key)
+            told.setdefault(int(match[1]), {})[match[2]] = text
     segments = [
         Segment(int(parts["LabelValue"]), parts.get("Name", ""), int(parts.get("Layer", "0")))
         for _, parts in sorted(told.items())
         if re.fullmatch(r"\d+", parts.get("LabelValue", "")) and re.fullmatch(r"\d+", parts.get("Layer", "0"))
     ]
-    layers = reader.GetNumberOfComponents()
     return [segment for segment in segments if segment.layer < layers], layers
 
 
@@ -127,14 +122,20 @@ def _chosen(segments: Sequence[Segment], label: int | str | None, organ: str, pa
         if len(segments) == 1:
             matching = list(segments)
     else:
-        matching = [segment for segment in segments if segment.name == str(label)] or [
-            segment for segment in segments if str(segment.value) == str(label)
-        ]
+        word = str(label)
+        ways = (
+            [segment for segment in segments if segment.name == word],
+            [segment for segment in segments if str(segment.value) == word],
+            [segment for segment in segments if segment.name.casefold() == word.casefold()],
+        )
+        matching = next(filter(None, ways), [])
     if len(matching) == 1:
         return matching[0]
     listed = ", ".join(str(segment) for segment in segments[:_LISTED])
     rest = f" and {len(segments) - _LISTED} more" if len(segments) > _LISTED else ""
-    if label is None:
+    if label is None and len(segments) > _MANY:
+        msg = f"{path} holds {len(segments)} different values; give a segmentation, not the image itself."
+    elif label is None:
         msg = f"{path} holds {len(segments)} labels, {listed}{rest}; choose one with the option label (value or name)."
     elif matching:
         msg = f"{path} holds {len(matching)} labels {label}: {', '.join(map(str, matching))}; choose one by its name."

@@ -62,6 +62,31 @@ def read_image(path, *, series: str | None = None, component: int | None = None)
         raise ValueError(msg) from None
 
 
+def read_header(path) -> tuple[dict[str, str], int]:
+    """Read what a file tells of its image without its voxels.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    texts : dict of str to str
+        Texts of the header by their keys; none if the file cannot be read.
+    components : int
+        Values in a voxel.
+    """
+    reader = sitk.ImageFileReader()
+    reader.SetFileName(str(path))
+    with _quiet_itk():
+        try:
+            reader.ReadImageInformation()
+        except RuntimeError:
+            return {}, 1
+    return {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}, reader.GetNumberOfComponents()
+
+
 def write_image(image: Image, path) -> None:
     """Write a volume to one file, completely or not at all.
 
