@@ -113,9 +113,9 @@ def colors_of(organ):
 
 
 def table():
-    from VICRegistrationLib.mrml.comparison_table import findTable
+    from VICRegistrationLib.mrml.comparison_table import comparisonTable
 
-    return findTable()
+    return comparisonTable()
 
 
 def rows():
@@ -543,6 +543,21 @@ def test_a_table_that_was_removed_is_made_again_and_one_of_that_name_is_let_be(a
     add_row("P 1", "bladder", "expert")
     assert len(rows()) == 1
     assert table().GetName() == "VIC comparison"
+
+
+def test_tables_of_scenes_that_were_loaded_together_are_joined(add_row, scene, tmp_path):
+    path = str(tmp_path / "scene.mrb")
+    add_row("P 1", "bladder", "expert")
+    add_row("P 2", "bladder", "expert")
+    assert slicer.util.saveScene(path)
+    mrml_boot.clear(scene)
+    add_row("P 0", "bladder", "expert")
+    add_row("P 1", "bladder", "expert")
+    slicer.util.loadScene(path)
+    assert scene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 2
+    assert [name for name, *_ in names_in_rows()] == ["P 0", "P 1", "P 2"]
+    assert scene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 1
+    assert len({row["Volume Dice"] for row in rows()}) == 1
 
 
 def test_without_a_comparison_there_is_nothing_to_copy(logic, organ):

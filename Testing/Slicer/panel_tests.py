@@ -423,7 +423,7 @@ class CompareTest(PanelTestCase):
         self.ui.patientEdit.setText("Patient 2")
         self.compare(segment)
         self.ui.copyTableButton.click()
-        self.assertIn("2 rows", self.ui.compareStatusLabel.text)
+        self.assertIn("2 row", self.ui.compareStatusLabel.text)
         lines = slicer.app.clipboard().text().splitlines()
         self.assertEqual(len(lines), 3)
         self.assertTrue(lines[0].startswith("Patient,Organ,Reference,"))
@@ -520,7 +520,7 @@ class CompareTest(PanelTestCase):
         self.ui.removeOrganButton.click()
         # Results are kept until they are deleted as a table.
         self.ui.copyTableButton.click()
-        self.assertIn("1 rows", self.ui.compareStatusLabel.text)
+        self.assertIn("1 row", self.ui.compareStatusLabel.text)
         slicer.mrmlScene.Clear()
         self.ui.copyTableButton.click()
         self.assertIn("no comparison", self.ui.compareStatusLabel.text)

@@ -145,9 +145,7 @@ class CompareSection:
             self._tell(str(error))
             return
         slicer.app.clipboard().setText(text)
-        self._tell(
-            _("Copied: {count} rows and the names of the columns, as comma-separated values.").format(count=count)
-        )
+        self._tell(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
 
     def _tell(self, text):
         self._ui.compareStatusLabel.text = text

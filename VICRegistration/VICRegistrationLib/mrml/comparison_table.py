@@ -9,24 +9,32 @@ import slicer
 import vtk
 from slicer.i18n import tr as _
 
+from .organ_nodes import removeNodes
 from .regions import TYPE_ATTRIBUTE
 
 PATIENT, ORGAN, REFERENCE = "Patient", "Organ", "Reference"
-_TEXTS = (PATIENT, ORGAN, REFERENCE)
+_KEYS = (PATIENT, ORGAN, REFERENCE)
 _COMPARISON = "comparison"
 # Of numbers that are copied: a tenth of a micrometre, a tenth of a microlitre.
 _DIGITS = 4
 
 
-def findTable():
+def comparisonTable():
     """Table node of the scene's comparisons, if there is one.
 
     Returns
     -------
     vtkMRMLTableNode or None
+        Where scenes were loaded on top of each other, the rows of all their tables, in the first of them.
     """
-    tables = slicer.util.getNodesByClass("vtkMRMLTableNode")
-    return next((node for node in tables if node.GetAttribute(TYPE_ATTRIBUTE) == _COMPARISON), None)
+    nodes = slicer.util.getNodesByClass("vtkMRMLTableNode")
+    tables = [node for node in nodes if node.GetAttribute(TYPE_ATTRIBUTE) == _COMPARISON]
+    for other in tables[1:]:
+        columns = _columns(other)
+        for row in range(other.GetNumberOfRows()):
+            _write(tables[0], {column.GetName(): column.GetValue(row) for column in columns})
+        removeNodes([other])
+    return tables[0] if tables else None
 
 
 def addComparison(comparison, *, patient, organ, reference):
@@ -43,21 +51,11 @@ def addComparison(comparison, *, patient, organ, reference):
     vtkMRMLTableNode
         Made where there was none. Columns and rows that others have added stay.
     """
-    node = findTable()
+    node = comparisonTable()
     if node is None:
         node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", _("VIC comparison"))
         node.SetAttribute(TYPE_ATTRIBUTE, _COMPARISON)
-    table, names = node.GetTable(), {PATIENT: patient, ORGAN: organ, REFERENCE: reference}
-    values = {**names, **_numbers(comparison)}
-    with slicer.util.NodeModify(node):
-        for name in values:
-            if table.GetColumnByName(name) is None:
-                _addColumn(table, name)
-        row = _rowOf(table, names)
-        for name, value in values.items():
-            table.SetValueByName(row, name, vtk.vtkVariant(value))
-        table.Modified()
-        node.Modified()
+    _write(node, {PATIENT: patient, ORGAN: organ, REFERENCE: reference, **_numbers(comparison)})
     return node
 
 
@@ -76,12 +74,11 @@ def tableAsCsv():
     ValueError
         If there is no comparison yet.
     """
-    node = findTable()
-    count = node.GetTable().GetNumberOfRows() if node is not None else 0
+    node = comparisonTable()
+    count = node.GetNumberOfRows() if node is not None else 0
     if not count:
         raise ValueError(_("There is no comparison to copy yet; one is needed. Press Compare first."))
-    table, text = node.GetTable(), io.StringIO()
-    columns = [table.GetColumn(index) for index in range(table.GetNumberOfColumns())]
+    columns, text = _columns(node), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.GetName() for column in columns])
     for row in range(count):
@@ -110,11 +107,29 @@ def _numbers(comparison):
     }
 
 
-def _addColumn(table, name):
-    column = vtk.vtkStringArray() if name in _TEXTS else vtk.vtkDoubleArray()
+def _columns(node):
+    return [node.GetTable().GetColumn(index) for index in range(node.GetNumberOfColumns())]
+
+
+def _write(node, values):
+    """Write a row, in place of that of the same patient, organ and reference; columns that are missing are added."""
+    table = node.GetTable()
+    with slicer.util.NodeModify(node):
+        for name, value in values.items():
+            if table.GetColumnByName(name) is None:
+                _addColumn(table, name, vtk.vtkStringArray if isinstance(value, str) else vtk.vtkDoubleArray)
+        row = _rowOf(table, {name: values.get(name, "") for name in _KEYS})
+        for name, value in values.items():
+            table.SetValueByName(row, name, vtk.vtkVariant(value))
+        table.Modified()
+        node.Modified()
+
+
+def _addColumn(table, name, kind):
+    column = kind()
     column.SetName(name)
     column.SetNumberOfTuples(table.GetNumberOfRows())
-    if name not in _TEXTS:
+    if kind is vtk.vtkDoubleArray:
         column.Fill(0.0)
     table.AddColumn(column)
 
