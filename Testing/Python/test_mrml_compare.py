@@ -1,20 +1,25 @@
-"""Surfaces compared with segments and models of the scene: numbers, colours, the table, and what cannot be compared."""
+"""Surfaces compared with segments and models of the scene, wherever they lie; and what cannot be compared."""
 
 from __future__ import annotations
 
-import csv
-import io
-from types import SimpleNamespace
-
-import mrml_boot
 import mrml_scenes
 import numpy as np
 import pytest
 import vtk
+from mrml_references import (
+    DEVIATION,
+    add_model,
+    add_organ,
+    add_segmentation,
+    colors_of,
+    label_image,
+    larger,
+    surface_model,
+    triangles_of,
+)
 from mrml_scenes import slicer
 from reorientation import motion
 from small_phantom import CENTER, ellipsoid
-from vtk.util.numpy_support import vtk_to_numpy
 
 from VICRegistrationLib.analysis.comparison import compare
 from VICRegistrationLib.analysis.deviation import ReferenceMesh, mesh_of_mask
@@ -23,7 +28,6 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.phantom import volume_fractions
 
-DEVIATION, STANDARD_DEVIATION = "Deviation (mm)", "Standard deviation (mm)"
 RIGID = motion(40, (2, -1, 1), (12, -9, 4))
 SCALING = np.diag([1.1, 0.9, 1.2, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
@@ -38,95 +42,6 @@ def logic(slicer_module):
 def organ(logic):
     """An organ whose surface is the ellipsoid, without a fit."""
     return add_organ(logic, "bladder", mrml_scenes.add_volume())
-
-
-def add_organ(logic, name, volume, surface=None):
-    logic.getParameterNode().volume = volume
-    organ = logic.organs().add(name)
-    logic.setSurface(organ, surface or ellipsoid())
-    return organ
-
-
-def larger(millimetres, *, shift=(0.0, 0.0, 0.0)):
-    """The ellipsoid with longer semi-axes."""
-    return closed_organ(axes=np.diag(np.array([14.0, 18.0, 22.0]) + millimetres), center=CENTER + shift)
-
-
-def add_model(data, name="reference", *, under=None):
-    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelNode", name)
-    node.SetAndObserveMesh(data) if data.IsA("vtkUnstructuredGrid") else node.SetAndObservePolyData(data)
-    node.CreateDefaultDisplayNodes()
-    if under is not None:
-        node.SetAndObserveTransformNodeID(under.GetID())
-    return node
-
-
-def triangles_of(surface, *, chord_error=0.02, moved=lambda points: points):
-    from VICRegistrationLib.export.surface_data import polydata
-
-    mesh = triangulate(surface, chord_error=chord_error)
-    return polydata(moved(mesh.points), mesh.triangles)
-
-
-def surface_model(surface, name="reference", *, under=None):
-    """A model that carries an exact surface."""
-    from VICRegistrationLib.mrml.surfaces import createModel, showSurface
-
-    node = createModel(name, (1.0, 0.0, 0.0))
-    showSurface(node, surface, name=name)
-    if under is not None:
-        node.SetAndObserveTransformNodeID(under.GetID())
-    return node
-
-
-def label_image(surface, *, spacing=(1.0, 1.0, 2.0), turn=None):
-    """A painted image on a grid of its own, cut close around the surface so that it starts away from its origin."""
-    mesh = triangulate(surface, chord_error=0.05)
-    low, high = mesh.points.min(axis=0) - 6.0, mesh.points.max(axis=0) + 6.0
-    matrix = np.eye(4)
-    matrix[:3, :3] = (np.eye(3) if turn is None else turn[:3, :3]) @ np.diag(spacing)
-    radius = np.linalg.norm(high - low) / 2.0
-    shape = tuple(int(2.0 * radius / step) for step in spacing[::-1])
-    matrix[:3, 3] = (low + high) / 2.0 - matrix[:3, :3] @ ((np.array(shape[::-1]) - 1) / 2.0)
-    fractions = volume_fractions(mesh.points, mesh.triangles, shape, matrix)
-    return Image((fractions >= 0.5).astype(np.uint8), matrix)
-
-
-def add_segmentation(image, *, under=None, others=()):
-    """A segmentation with the segment "s" of an image, and with others that share its label map."""
-    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSegmentationNode", "expert")
-    node.CreateDefaultDisplayNodes()
-    grid = mrml_scenes.add_volume(image, "grid", under=under)
-    if under is not None:
-        node.SetAndObserveTransformNodeID(under.GetID())
-    node.SetReferenceImageGeometryParameterFromVolumeNode(grid)
-    for name, mask in {"s": image.array, **dict(others)}.items():
-        node.GetSegmentation().AddEmptySegment(name, f"segment {name}", [1, 0, 0])
-        if mask is not None:
-            slicer.util.updateSegmentBinaryLabelmapFromArray(mask, node, name, grid)
-    slicer.mrmlScene.RemoveNode(grid)
-    return node
-
-
-def colors_of(organ):
-    return vtk_to_numpy(organ.surface.GetPolyData().GetPointData().GetArray(DEVIATION))
-
-
-def table():
-    from VICRegistrationLib.mrml.comparison_table import comparisonTable
-
-    return comparisonTable()
-
-
-def rows():
-    """Rows of the table as texts by the names of their columns, through the clipboard's format."""
-    from VICRegistrationLib.mrml.comparison_table import tableAsCsv
-
-    return list(csv.DictReader(io.StringIO(tableAsCsv()[0])))
-
-
-def legend_of(organ):
-    return slicer.modules.colors.logic().GetColorLegendDisplayNode(organ.surface)
 
 
 # --- numbers ---------------------------------------------------------------------------------------------------------
@@ -302,330 +217,6 @@ def test_below_one_bending_transform_nothing_is_bent(logic):
     under, _, _ = places("bent")
     organ = add_organ(logic, "bladder", mrml_scenes.add_volume(under=under))
     assert logic.compare(organ, surface_model(ellipsoid(), under=under)).hausdorff < 1e-6
-
-
-# --- colours ---------------------------------------------------------------------------------------------------------
-
-
-def test_the_surface_is_coloured_with_one_range_on_both_sides_and_a_legend(logic, organ):
-    logic.compare(organ, surface_model(larger(0.0, shift=(3.0, 0.0, 0.0))))
-    display, legend = organ.surface.GetDisplayNode(), legend_of(organ)
-    assert display.GetScalarVisibility()
-    assert display.GetActiveScalarName() == DEVIATION
-    assert display.GetScalarRangeFlag() == slicer.vtkMRMLDisplayNode.UseManualScalarRange
-    # Shifted by 3 mm, 95 % of the surface is within 3 mm: rounded up to 5.
-    assert display.GetScalarRange() == (-5.0, 5.0)
-    assert display.GetColorNode().GetName() == "DivergingBlueRed"
-    assert legend.GetVisibility()
-    assert legend.GetTitleText() == DEVIATION
-    # In slice views it would lie on the image.
-    assert not legend.GetVisibility2D()
-    values = colors_of(organ)
-    points = slicer.util.arrayFromModelPoints(organ.surface)
-    right, left = values[points[:, 0].argmax()], values[points[:, 0].argmin()]
-    # The surface lies inside of the reference on the right, and outside of it on the left.
-    assert (right, left) == (pytest.approx(-3.0, abs=0.05), pytest.approx(3.0, abs=0.05))
-
-
-def test_the_organs_colour_comes_back_and_goes(logic, organ):
-    logic.compare(organ, surface_model(larger(1.0)))
-    display = organ.surface.GetDisplayNode()
-    logic.color(organ)
-    assert not display.GetScalarVisibility()
-    assert not legend_of(organ).GetVisibility()
-    assert display.GetColor() == pytest.approx(organ.color)
-    logic.color(organ, DEVIATION)
-    assert display.GetScalarVisibility()
-    assert legend_of(organ).GetVisibility()
-    with pytest.raises(ValueError, match=r"no numbers named Standard deviation \(mm\)"):
-        logic.color(organ, STANDARD_DEVIATION)
-    assert display.GetActiveScalarName() == DEVIATION
-
-
-def test_organs_in_the_same_colours_have_one_range_and_one_legend(logic, organ):
-    from VICRegistrationLib.mrml.organ_nodes import setVisible
-
-    second = add_organ(logic, "second", logic.getParameterNode().volume, larger(1.0))
-    for one, millimetres in ((organ, 0.7), (second, 2.9)):
-        logic.compare(one, surface_model(larger(millimetres)))
-
-    def range_of(one):
-        return one.surface.GetDisplayNode().GetScalarRange()
-
-    def shown():
-        legends = slicer.util.getNodesByClass("vtkMRMLColorLegendDisplayNode")
-        return [legend.GetDisplayableNode() for legend in legends if legend.GetVisibility()]
-
-    assert range_of(organ) == range_of(second) == (-2.0, 2.0)
-    assert shown() == [organ.surface]
-    # It is one of an organ that is seen.
-    setVisible(organ, False)
-    assert shown() == [second.surface]
-    setVisible(organ, True)
-    logic.organs().remove(second)
-    assert shown() == [organ.surface]
-    assert range_of(organ) == (-1.0, 1.0)
-    setVisible(organ, False)
-    assert shown() == []
-
-
-def test_a_surface_that_changes_gets_its_own_colour_back(logic, organ):
-    from VICRegistrationLib.mrml.comparing import comparisonText
-
-    logic.compare(organ, surface_model(larger(1.0)))
-    assert "Hausdorff" in comparisonText(organ)
-    logic.setSurface(organ, larger(0.5))
-    assert not organ.surface.GetDisplayNode().GetScalarVisibility()
-    assert not legend_of(organ).GetVisibility()
-    assert comparisonText(organ) == ""
-    # What was found of the surface before stays in the table.
-    assert len(rows()) == 1
-
-
-@pytest.mark.parametrize("cancelled", [False, True])
-def test_a_fit_takes_the_colours_away_and_cancelling_brings_them_back(logic, vtk_messages, cancelled):
-    from VICRegistrationLib.mrml.comparing import comparisonText
-    from VICRegistrationLib.mrml.fitting import fitSteps
-    from VICRegistrationLib.mrml.surfaces import moveSurface
-
-    volume = mrml_scenes.add_volume()
-    organ = logic.fit(volume, [CENTER], name="bladder")
-    logic.compare(organ, surface_model(ellipsoid()))
-    colors, text = colors_of(organ).copy(), comparisonText(organ)
-    steps = fitSteps(organ, volume)
-    moveSurface(organ.surface, next(steps).surface)
-    display = organ.surface.GetDisplayNode()
-    assert not display.GetScalarVisibility()
-    assert not legend_of(organ).GetVisibility()
-    if cancelled:
-        steps.close()
-        assert display.GetScalarVisibility()
-        assert legend_of(organ).GetVisibility()
-        np.testing.assert_array_equal(colors_of(organ), colors)
-        assert comparisonText(organ) == text
-    else:
-        for step in steps:
-            moveSurface(organ.surface, step.surface)
-        assert not display.GetScalarVisibility()
-        assert comparisonText(organ) == ""
-    assert vtk_messages() == ""
-
-
-def test_a_fit_that_knows_how_sure_it_is_brings_the_standard_deviation_along(logic, monkeypatch):
-    from VICRegistrationLib.registration import organ as recipe
-
-    def sure(fit):
-        """Add a confidence to a fit: the standard deviation grows with u."""
-        object.__setattr__(fit, "confidence", SimpleNamespace(standard_deviation=lambda places: 0.1 + places[:, 0]))
-        return fit
-
-    def fit_region(*arguments, real=recipe.fit_region, **options):
-        return sure((yield from real(*arguments, **options)))
-
-    monkeypatch.setattr(recipe, "fit_region", fit_region)
-    volume = mrml_scenes.add_volume()
-    organ = logic.fit(volume, [CENTER], name="bladder")
-    mesh = triangulate(logic.surface(organ), chord_error=0.1)
-    values = vtk_to_numpy(organ.surface.GetPolyData().GetPointData().GetArray(STANDARD_DEVIATION))
-    np.testing.assert_allclose(values, 0.1 + mesh.parameters[:, 0])
-    logic.color(organ, STANDARD_DEVIATION)
-    display = organ.surface.GetDisplayNode()
-    assert display.GetScalarRange() == (0.0, 2.0)
-    assert display.GetColorNode().GetName() == "Viridis"
-    assert legend_of(organ).GetTitleText() == STANDARD_DEVIATION
-    # Beside deviations of another organ, and with a range of its own.
-    other = add_organ(logic, "other", volume)
-    logic.compare(other, surface_model(larger(0.7)))
-    assert abs(legend_of(organ).GetPosition()[0] - legend_of(other).GetPosition()[0]) > legend_of(organ).GetSize()[0]
-    assert other.surface.GetDisplayNode().GetScalarRange() == (-1.0, 1.0)
-    assert display.GetScalarRange() == (0.0, 2.0)
-    # A new fit has such numbers as well, and goes on showing them.
-    from VICRegistrationLib.mrml.fitting import fitSteps
-
-    recipe.finish(fitSteps(organ, volume))
-    assert display.GetScalarVisibility()
-    assert display.GetActiveScalarName() == STANDARD_DEVIATION
-
-
-# --- table -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def measured():
-    """Two comparisons that were made beforehand."""
-    return compare(ellipsoid(), larger(1.0), n_points=500), compare(ellipsoid(), larger(2.0), n_points=500)
-
-
-@pytest.fixture
-def add_row(slicer_module, measured):
-    """Function that writes one of them into the table; the names are those of patient, organ and reference."""
-    from VICRegistrationLib.mrml.comparison_table import addComparison
-
-    def add(*names, which=0):
-        return addComparison(measured[which], **dict(zip(("patient", "organ", "reference"), names)))
-
-    return add
-
-
-def names_in_rows():
-    return [tuple(row[name] for name in ("Patient", "Organ", "Reference")) for row in rows()]
-
-
-def test_a_row_for_every_organ_patient_and_reference(add_row, measured):
-    names = [("P 1", "bladder", "expert"), ("P 1", "bladder", "second"), ("P 2", "bladder", "second")]
-    names.append(("P 1", "rectum", "second"))
-    for each in names:
-        add_row(*each)
-    assert names_in_rows() == names
-    # Comparing again replaces the row in its place.
-    add_row(*names[1], which=1)
-    assert names_in_rows() == names
-    found = [float(row["Signed mean (mm)"]) for row in rows()]
-    assert found == pytest.approx([measured[k].to_surface.mean_signed for k in (0, 1, 0, 0)], abs=1e-4)
-    assert slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 1
-
-
-def test_a_row_is_named_after_patient_organ_and_reference(logic, organ):
-    segmentation, model = add_segmentation(label_image(larger(1.0))), surface_model(larger(0.5), "second reader")
-    logic.compare(organ, segmentation)
-    logic.compare(organ, model, patient="P 2")
-    assert names_in_rows() == [("mri", "bladder", "expert: segment s"), ("P 2", "bladder", "second reader")]
-
-
-def test_the_columns_say_what_they_hold_and_in_which_unit(logic, organ):
-    found = logic.compare(organ, surface_model(larger(1.0)))
-    (row,) = rows()
-    expected = {
-        "Mean to surface (mm)": found.to_surface.mean,
-        "Standard deviation to surface (mm)": found.to_surface.std,
-        "RMS to surface (mm)": found.to_surface.rms,
-        "Median to surface (mm)": found.to_surface.median,
-        "95 % to surface (mm)": found.to_surface.p95,
-        "Mean to reference (mm)": found.to_reference.mean,
-        "95 % to reference (mm)": found.to_reference.p95,
-        "Signed mean (mm)": found.to_surface.mean_signed,
-        "Hausdorff (mm)": found.hausdorff,
-        **{f"Surface Dice at {tolerance:g} mm": share for tolerance, share in found.surface_dice},
-        "Volume Dice": found.volume_dice,
-        "Volume (ml)": found.volume_ml,
-        "Reference volume (ml)": found.reference_ml,
-        "Volume difference (ml)": found.volume_difference_ml,
-    }
-    assert list(row) == ["Patient", "Organ", "Reference", *expected]
-    for name, value in expected.items():
-        assert float(row[name]) == pytest.approx(value, abs=1e-4), name
-        # Numbers are numbers in Slicer as well, to be sorted and plotted.
-        assert table().GetTable().GetColumnByName(name).IsA("vtkDoubleArray")
-    assert expected["Signed mean (mm)"] == pytest.approx(-1.0, abs=0.05)
-
-
-def test_columns_and_rows_of_others_stay(add_row):
-    add_row("P 1", "bladder", "expert")
-    notes = vtk.vtkStringArray()
-    notes.SetName('Note, "quoted"')
-    notes.InsertNextValue("a line\nand another")
-    table().GetTable().AddColumn(notes)
-    table().GetTable().RemoveColumnByName("Volume Dice")
-    add_row("P 1", "bladder", "expert")
-    add_row("P 2", "bladder", "expert")
-    assert [row['Note, "quoted"'] for row in rows()] == ["a line\nand another", ""]
-    assert all(0.0 < float(row["Volume Dice"]) < 1.0 for row in rows())
-
-
-def test_a_table_that_was_removed_is_made_again_and_one_of_that_name_is_let_be(add_row):
-    theirs = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", "VIC comparison")
-    add_row("P 1", "bladder", "expert")
-    assert theirs.GetNumberOfRows() == 0
-    table().SetName("renamed")
-    add_row("P 1", "bladder", "expert")
-    assert len(rows()) == 1
-    slicer.mrmlScene.RemoveNode(table())
-    add_row("P 1", "bladder", "expert")
-    assert len(rows()) == 1
-    assert table().GetName() == "VIC comparison"
-
-
-def test_tables_of_scenes_that_were_loaded_together_are_joined(add_row, scene, tmp_path):
-    path = str(tmp_path / "scene.mrb")
-    add_row("P 1", "bladder", "expert")
-    add_row("P 2", "bladder", "expert")
-    assert slicer.util.saveScene(path)
-    mrml_boot.clear(scene)
-    add_row("P 0", "bladder", "expert")
-    add_row("P 1", "bladder", "expert")
-    slicer.util.loadScene(path)
-    assert scene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 2
-    assert [name for name, *_ in names_in_rows()] == ["P 0", "P 1", "P 2"]
-    assert scene.GetNumberOfNodesByClass("vtkMRMLTableNode") == 1
-    assert len({row["Volume Dice"] for row in rows()}) == 1
-
-
-def test_without_a_comparison_there_is_nothing_to_copy(logic, organ):
-    from VICRegistrationLib.mrml.comparison_table import tableAsCsv
-
-    with pytest.raises(ValueError, match="no comparison.*Press Compare"):
-        tableAsCsv()
-
-
-def test_the_patient_is_kept_with_the_volume(logic, organ):
-    from VICRegistrationLib.mrml.comparing import patientOf, setPatient
-
-    volume = logic.getParameterNode().volume
-    assert (patientOf(volume), patientOf(None)) == ("mri", "")
-    setPatient(volume, " Müller, A. ")
-    assert patientOf(volume) == "Müller, A."
-    logic.compare(organ, surface_model(larger(1.0)))
-    assert rows()[0]["Patient"] == "Müller, A."
-    setPatient(volume, " ")
-    assert patientOf(volume) == "mri"
-
-
-def test_removing_the_organ_removes_its_legend_and_keeps_the_results(logic, organ):
-    reference = add_segmentation(label_image(larger(1.0)))
-    logic.compare(organ, reference)
-    logic.organs().remove(organ)
-    assert len(rows()) == 1
-    assert reference.GetScene() is not None
-    assert slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLColorLegendDisplayNode") == 0
-    assert slicer.mrmlScene.GetNumberOfNodesByClass("vtkMRMLModelNode") == 0
-
-
-def test_table_colours_and_reference_come_back_from_a_bundle(logic, organ, scene, tmp_path):
-    from VICRegistrationLib.mrml.colors import coloredBy
-    from VICRegistrationLib.mrml.comparing import comparisonText, setPatient
-
-    setPatient(logic.getParameterNode().volume, "Müller")
-    reference = add_segmentation(label_image(larger(1.0)))
-    logic.compare(organ, reference)
-    values, display = colors_of(organ).copy(), organ.surface.GetDisplayNode()
-    before, text, limits = rows(), comparisonText(organ), display.GetScalarRange()
-    assert slicer.util.saveScene(str(tmp_path / "scene.mrb"))
-    mrml_boot.clear(scene)
-    slicer.util.loadScene(str(tmp_path / "scene.mrb"))
-    (organ,) = logic.organs()
-    np.testing.assert_array_equal(colors_of(organ), values)
-    assert coloredBy(organ.surface) == DEVIATION
-    assert organ.surface.GetDisplayNode().GetScalarRange() == limits
-    assert organ.surface.GetDisplayNode().GetColorNode().GetName() == "DivergingBlueRed"
-    assert legend_of(organ).GetVisibility()
-    assert comparisonText(organ) == text
-    (old,), (row,) = before, rows()
-    assert table().GetTable().GetColumnByName("Volume Dice").IsA("vtkDoubleArray")
-    assert list(row) == list(old)
-    for name, value in old.items():
-        # Tables are written with 6 digits.
-        assert (
-            row[name] == value
-            if name in ("Patient", "Organ", "Reference")
-            else float(row[name]) == pytest.approx(float(value), rel=1e-5, abs=1e-4)
-        )
-    # Work goes on: the row is found again, and a new one gets numbers.
-    node, segmentId = organ.reference()
-    assert (node.GetName(), segmentId) == ("expert", "s")
-    logic.compare(organ, node, segmentId)
-    assert len(rows()) == 1
-    found = logic.compare(organ, node, segmentId, patient="another")
-    assert float(rows()[1]["Hausdorff (mm)"]) == pytest.approx(found.hausdorff, abs=1e-4)
 
 
 # --- what cannot be compared -----------------------------------------------------------------------------------------

@@ -130,9 +130,10 @@ class CompareSection:
         colorBy(self._organ.surface, name or None)
 
     def _compare(self):
+        organ, volumeNode = self._organ, self._patientVolume()
         try:
             with slicer.util.WaitCursor():
-                compareOrgan(self._organ, self._patientVolume(), *self._organ.reference())
+                compareOrgan(organ, volumeNode, *organ.reference())
         except ValueError as error:
             self._tell(str(error))
             return
