@@ -17,6 +17,7 @@ from .analysis.deviation import deviation
 from .cli.fitting import fit_to_folder
 from .cli.outputs import OVERVIEW, FittedOrgan
 from .cli.requests import read_requests
+from .cli.words import aligned
 from .files import replacing_folder
 from .geometry.surface import BSplineSurface
 from .phantoms.pelvis import pelvis_phantom, write_phantom
@@ -121,11 +122,7 @@ def deviation_table(organs: Sequence[FittedOrgan], truths: Mapping[str, BSplineS
         distances = (f"{found.mean:.2f}", f"{found.mean_signed:+.2f}", f"{found.p95:.2f}", f"{found.maximum:.2f}")
         volumes = (f"{surface.volume() / 1000.0:.1f}", f"{truth.volume() / 1000.0:.1f}")
         rows.append((organ.name, *distances, *volumes, f"{organ.seconds:.2f}"))
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    return "\n".join(
-        "   ".join([row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:]))])
-        for row in rows
-    )
+    return aligned(rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
 
@@ -69,10 +70,33 @@ def save_figure(figure, path: str | os.PathLike) -> None:
     OSError
         If the file cannot be written.
     """
+    content = png_bytes(figure)
+    with replacing(path) as draft:
+        draft.write_bytes(content)
+
+
+def png_bytes(figure) -> bytes:
+    """Draw a figure as a PNG file in memory.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+
+    Returns
+    -------
+    bytes
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
-    with replacing(path) as draft, warnings.catch_warnings():
+    content = io.BytesIO()
+    with warnings.catch_warnings():
         # Letters that the font does not have are drawn as boxes; the title is not worth more words.
         warnings.simplefilter("ignore", UserWarning)
-        figure.savefig(draft, format="png")
+        figure.savefig(content, format="png")
+    return content.getvalue()
+
+
+def literal(text: str) -> str:
+    """Text in which a dollar sign is a dollar sign and not the begin of a formula."""
+    return text.replace("$", r"\$")

@@ -25,22 +25,48 @@ class Deviation:
 
     Parameters
     ----------
-    mean, std, rms, p95, maximum : float
-        Of the distance, which is never negative: mean, standard deviation, root of the mean square, 95th percentile and
-        largest.
+    mean, std, rms, median, p95, maximum : float
+        Of the distance, which is never negative: mean, standard deviation, root of the mean square, median, 95th
+        percentile and largest.
     mean_signed : float
         Mean of the signed distance: positive where the fitted surface lies outside of the reference.
     n : int
-        Number of points of the reference.
+        Number of points that were measured at.
     """
 
     mean: float
     std: float
     rms: float
+    median: float
     p95: float
     maximum: float
     mean_signed: float
     n: int
+
+    @classmethod
+    def of(cls, signed: np.ndarray) -> Deviation:
+        """Summarize signed distances.
+
+        Parameters
+        ----------
+        signed : (n,) ndarray
+            mm, positive where the fitted surface lies outside of the reference; one or more.
+
+        Returns
+        -------
+        Deviation
+        """
+        distances = np.abs(signed)
+        return cls(
+            mean=float(distances.mean()),
+            std=float(distances.std()),
+            rms=float(np.sqrt(np.mean(distances**2))),
+            median=float(np.median(distances)),
+            p95=float(np.percentile(distances, 95)),
+            maximum=float(distances.max()),
+            mean_signed=float(signed.mean()),
+            n=len(distances),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,22 +115,38 @@ def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 1
     -----
     From each point of the reference to the closest point of the exact fitted surface, not of its triangles.
     """
+    return Deviation.of(signed_to_surface(fitted, reference, n_points, seed=seed))
+
+
+def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarray:
+    """Signed distances from points of a reference to the exact fitted surface.
+
+    Parameters
+    ----------
+    fitted : BSplineSurface
+        RAS mm, outward normals.
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh
+        RAS mm.
+    n_points : int
+        Number of points of the reference, spread evenly over its area.
+    seed : int
+        Seed of the random numbers that place them.
+
+    Returns
+    -------
+    (n_points,) ndarray
+        mm, positive where the fitted surface lies outside of the reference.
+
+    Raises
+    ------
+    ValueError
+        If there are no points to measure at.
+    """
     if n_points < 1:
         msg = f"{n_points} points were asked for; give at least one to measure at."
         raise ValueError(msg)
-    points = points_on(reference, n_points, seed=seed)
     # A reference point on the outer side of the fitted surface means that the fitted surface lies inside.
-    signed = -closest_points(fitted, points).distances
-    distances = np.abs(signed)
-    return Deviation(
-        mean=float(distances.mean()),
-        std=float(distances.std()),
-        rms=float(np.sqrt(np.mean(distances**2))),
-        p95=float(np.percentile(distances, 95)),
-        maximum=float(distances.max()),
-        mean_signed=float(signed.mean()),
-        n=len(points),
-    )
+    return -closest_points(fitted, points_on(reference, n_points, seed=seed)).distances
 
 
 def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarray:

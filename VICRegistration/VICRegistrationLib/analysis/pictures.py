@@ -13,7 +13,7 @@ from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.organ import OrganFit
-from .canvas import blank_figure, save_figure
+from .canvas import blank_figure, literal, save_figure
 from .deviation import deviation
 from .shading import Camera, shaded_triangles
 from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
@@ -152,15 +152,10 @@ def overview_picture(
 
 def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
     figure = blank_figure((13.0, 9.6))
-    figure.text(0.02, 0.972, _literal(title), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
-    figure.text(0.02, 0.937, _literal("\n".join(lines)), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    figure.text(0.02, 0.972, literal(title), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.02, 0.937, literal("\n".join(lines)), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
     figure.text(0.98, 0.968, alarm, size=13, weight="bold", color=_ALARM_COLOUR, va="top", ha="right")
     return figure
-
-
-def _literal(text: str) -> str:
-    """Text in which a dollar sign is a dollar sign and not the begin of a formula."""
-    return text.replace("$", r"\$")
 
 
 def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:
@@ -341,7 +336,7 @@ def _draw_legend(axes, contours: Sequence[_Shown], *, with_region: bool) -> None
     )
     # Set only now: matplotlib leaves labels out that begin with an underscore.
     for text, label in zip(legend.get_texts(), labels):
-        text.set_text(_literal(label))
+        text.set_text(literal(label))
 
 
 def _draw_scene(axes, surfaces: Sequence[_Shown], viewer: Sequence[float]) -> None:

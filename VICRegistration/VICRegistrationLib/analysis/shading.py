@@ -9,9 +9,29 @@ import numpy as np
 
 from ..geometry.triangulation import TriangleMesh
 
-_AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.34, 0.68, 0.20, 30.0
+_SHININESS = 30.0
 # Of the light, in the camera's frame: from above, over the viewer's left shoulder.
 _LIGHT = np.array([-0.35, 0.55, 0.76])
+
+
+@dataclass(frozen=True)
+class Finish:
+    """How much light a surface gives back.
+
+    Parameters
+    ----------
+    ambient, diffuse, specular : float
+        Parts of the light from everywhere, of the light that is scattered, and of the highlight.
+    """
+
+    ambient: float
+    diffuse: float
+    specular: float
+
+
+GLOSSY = Finish(0.34, 0.68, 0.20)
+# For colours that stand for numbers: without highlight, which would look like another number, and with less shade.
+MATT = Finish(0.56, 0.46, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +62,11 @@ class Camera:
 
 
 def shaded_triangles(
-    meshes: Sequence[TriangleMesh], colours: Sequence[Sequence[float] | np.ndarray], camera: Camera
+    meshes: Sequence[TriangleMesh],
+    colours: Sequence[Sequence[float] | np.ndarray],
+    camera: Camera,
+    *,
+    finish: Finish = GLOSSY,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light the triangles that face the viewer.
 
@@ -53,6 +77,7 @@ def shaded_triangles(
     colours : sequence of (red, green, blue) or of (m, 3) array_like
         From 0 to 1, one for each mesh or one for each of its triangles.
     camera : Camera
+    finish : Finish
 
     Returns
     -------
@@ -68,7 +93,7 @@ def shaded_triangles(
         places = mesh.points[mesh.triangles[front]]
         corners.append(camera.project(places))
         each = np.broadcast_to(np.asarray(colour, dtype=float), (len(mesh.triangles), 3))
-        shades.append(_lit(normals[front], each[front], camera))
+        shades.append(_lit(normals[front], each[front], camera, finish))
         depths.append(places.mean(axis=1) @ camera.towards)
     order = np.argsort(np.concatenate(depths), kind="stable")
     return np.concatenate(corners)[order], np.concatenate(shades)[order]
@@ -106,10 +131,10 @@ def lit_mesh(points: np.ndarray, triangles: np.ndarray, *, smooth: bool) -> Tria
     return TriangleMesh(places, np.arange(len(places)).reshape(-1, 3), normals, np.zeros((len(places), 2)))
 
 
-def _lit(normals: np.ndarray, colour: np.ndarray, camera: Camera) -> np.ndarray:
+def _lit(normals: np.ndarray, colour: np.ndarray, camera: Camera, finish: Finish) -> np.ndarray:
     """Light faces of given colours (n, 3) by the model of Blinn and Phong; light reaches a little round the edge."""
     light = _LIGHT @ np.stack([camera.right, camera.up, camera.towards]) / np.linalg.norm(_LIGHT)
     half = (light + camera.towards) / np.linalg.norm(light + camera.towards)
     diffuse = np.clip(0.25 + 0.75 * (normals @ light), 0.0, 1.0)[:, None]
     specular = np.clip(normals @ half, 0.0, 1.0)[:, None] ** _SHININESS
-    return np.clip(colour * (_AMBIENT + _DIFFUSE * diffuse) + _SPECULAR * specular, 0.0, 1.0)
+    return np.clip(colour * (finish.ambient + finish.diffuse * diffuse) + finish.specular * specular, 0.0, 1.0)

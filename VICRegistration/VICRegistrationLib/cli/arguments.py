@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from .. import __version__
 from ..geometry.parametrization import CLOSURES
 from ..registration.solvers import SOLVERS
-from . import commands, export_command, gaps_command, mesh_command, simulate_command, values
+from . import commands, compare_command, export_command, gaps_command, mesh_command, simulate_command, values
 from .words import argument
 
 PROGRAM = "vic-registration"
@@ -30,6 +30,9 @@ _NUMERIC = (
     "--wall",
     "--time-limit",
     "--volume-error",
+    "--label",
+    "--points",
+    "--tolerance",
 )
 
 _EPILOG = """\
@@ -39,6 +42,7 @@ examples:
   vic-registration fit scan.nrrd --organ bladder --seed -3,42,10 --seed 8,40,22 --threshold 600,1500
   vic-registration fit dicom_folder --organ rectum --seed 0,-31,2 --net 11x9 --output rectum --quiet
   vic-registration export build/fit/*.vtp --step organs.step
+  vic-registration compare build/fit/*.vtp build/phantom/truth --output build/deviation
   vic-registration reproduce build/reproduce
 
 Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C
@@ -130,6 +134,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         help="folder for a table and plots beside the paper's values",
     )
     export_command.add_parser(subparsers, _add_command)
+    compare_command.add_parser(subparsers, _add_command)
     gaps_command.add_parser(subparsers, _add_command)
     mesh_command.add_parser(subparsers, _add_command)
     simulate_command.add_parser(subparsers, _add_command)

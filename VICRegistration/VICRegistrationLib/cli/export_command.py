@@ -13,7 +13,7 @@ from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
 from ..export.step import Solid, write_step
 from ..files import keep_inputs, replacing_folder
 from . import values
-from .solids import read_solids
+from .solids import file_name, read_solids
 from .words import argument, speaker
 
 _SUFFIXES = {"step": (".step", ".stp"), "stl": (".stl",), "ply": (".ply",), "vtp": (".vtp",)}
@@ -112,7 +112,7 @@ def _targets(kind: str, pattern: str, solids: Sequence[Solid]) -> dict[Path, Seq
         msg = f"--{kind} {pattern} was given; the file's name must end in {' or '.join(suffixes)}."
         raise ValueError(msg)
     if "{name}" in pattern:
-        return {Path(pattern.replace("{name}", _file_name(solid.name))): [solid] for solid in solids}
+        return {Path(pattern.replace("{name}", file_name(solid.name))): [solid] for solid in solids}
     if kind != "step" and len(solids) > 1:
         msg = (
             f"{len(solids)} surfaces cannot share the file {pattern}; give a folder such as --{kind} parts/, or a name "
@@ -120,15 +120,6 @@ def _targets(kind: str, pattern: str, solids: Sequence[Solid]) -> dict[Path, Seq
         )
         raise ValueError(msg)
     return {Path(pattern): solids}
-
-
-def _file_name(name: str) -> str:
-    """Name of an organ, if files can have it."""
-    try:
-        return values.organ_name(name)
-    except ValueError as error:
-        msg = f"A surface cannot give a file its name: {error}."
-        raise ValueError(msg) from error
 
 
 def _write(jobs: dict[Path, Callable[[Path], None]]) -> None:

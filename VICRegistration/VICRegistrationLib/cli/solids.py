@@ -62,6 +62,29 @@ def colored_solids(surfaces: Mapping[str, BSplineSurface]) -> tuple[Solid, ...]:
     return tuple(Solid(name, surface, _rgb(colours[name])) for name, surface in surfaces.items())
 
 
+def file_name(name: str) -> str:
+    """Name of an organ, if files can have it.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If files cannot.
+    """
+    try:
+        return values.organ_name(name)
+    except ValueError as error:
+        msg = f"A surface cannot give a file its name: {error}."
+        raise ValueError(msg) from error
+
+
 def _rgb(colour: str) -> tuple[float, float, float]:
     """Red, green and blue of "#rrggbb", from 0 to 1."""
     red, green, blue = (int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5))

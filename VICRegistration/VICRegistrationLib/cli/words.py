@@ -1,10 +1,10 @@
-"""What the commands have in common: words that are checked, and lines of progress."""
+"""What the commands have in common: words that are checked, tables, and lines of progress."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 
 def argument(check: Callable) -> Callable:
@@ -27,6 +27,26 @@ def argument(check: Callable) -> Callable:
             raise argparse.ArgumentTypeError(str(error)) from error
 
     return convert
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Put a table into columns of even width, the first to the left and the others to the right.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+        Of equal length.
+
+    Returns
+    -------
+    str
+        A line for each row.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return "\n".join(
+        "   ".join([row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:]))])
+        for row in rows
+    )
 
 
 def speaker(quiet: bool = False) -> Callable[[str], None]:

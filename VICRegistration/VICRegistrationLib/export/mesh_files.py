@@ -7,9 +7,11 @@ has the text ``SPACE``, "LPS", in its field data, beside the surface as :mod:`.s
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 
@@ -61,7 +63,14 @@ def write_mesh(
         {".stl": write_stl, ".ply": write_ply}[suffix](mesh, path, name=name)
 
 
-def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLike, *, name: str) -> None:
+def write_vtp(
+    mesh: TriangleMesh,
+    surface: BSplineSurface,
+    path: str | os.PathLike,
+    *,
+    name: str,
+    scalars: Mapping[str, np.ndarray] | None = None,
+) -> None:
     """Write triangles and the surface they were made of as a VTP file.
 
     Parameters
@@ -74,6 +83,8 @@ def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLi
         File to write; its folder must exist.
     name : str
         Name of the organ.
+    scalars : mapping of str to (n,) ndarray, optional
+        Numbers at the points by their names, such as "Deviation"; the first is what programs show.
 
     Raises
     ------
@@ -81,6 +92,12 @@ def write_vtp(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLi
         If the file cannot be written; a file of that name is left as it was.
     """
     data = polydata_of_mesh(mesh, axes=RAS_TO_LPS)
+    for key, values in (scalars or {}).items():
+        array = numpy_to_vtk(np.ascontiguousarray(values, dtype=float), deep=True)
+        array.SetName(key)
+        data.GetPointData().AddArray(array)
+    if scalars:
+        data.GetPointData().SetActiveScalars(next(iter(scalars)))
     add_text(data, "SPACE", "LPS")
     add_surface(data, surface, name=name)
     text = xml_text(vtkXMLPolyDataWriter(), data)

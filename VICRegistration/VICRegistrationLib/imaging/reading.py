@@ -19,7 +19,7 @@ _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
 _SERIES_UID, _SERIES_DESCRIPTION = "0020|000e", "0008|103e"
 
 
-def read_image(path, *, series: str | None = None) -> Image:
+def read_image(path, *, series: str | None = None, component: int | None = None) -> Image:
     """Read a volume from a file that SimpleITK reads, or from a folder of DICOM slices.
 
     Parameters
@@ -28,6 +28,8 @@ def read_image(path, *, series: str | None = None) -> Image:
         File or folder.
     series : str, optional
         Which DICOM series of the folder to take: its UID or its description, if there are several.
+    component : int, optional
+        Which value to take of a file that has several in a voxel; such files are refused otherwise.
 
     Returns
     -------
@@ -52,12 +54,37 @@ def read_image(path, *, series: str | None = None) -> Image:
             msg = f"A series was named, but {path} is a file; give the folder of the DICOM slices instead."
             raise ValueError(msg)
         else:
-            volume = _read_file(path)
+            volume = _read_file(path, component)
     try:
         return Image(sitk.GetArrayFromImage(volume), _matrix(volume))
     except ValueError as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from None
+
+
+def read_header(path) -> tuple[dict[str, str], int]:
+    """Read what a file tells of its image without its voxels.
+
+    Parameters
+    ----------
+    path : path-like
+        File.
+
+    Returns
+    -------
+    texts : dict of str to str
+        Texts of the header by their keys; none if the file cannot be read.
+    components : int
+        Values in a voxel.
+    """
+    reader = sitk.ImageFileReader()
+    reader.SetFileName(str(path))
+    with _quiet_itk():
+        try:
+            reader.ReadImageInformation()
+        except RuntimeError:
+            return {}, 1
+    return {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}, reader.GetNumberOfComponents()
 
 
 def write_image(image: Image, path) -> None:
@@ -94,12 +121,12 @@ def write_image(image: Image, path) -> None:
             raise OSError(_one_line(error)) from None
 
 
-def _read_file(path):
+def _read_file(path, component):
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     try:
         reader.ReadImageInformation()
-        _check_kind(reader, path)
+        _check_kind(reader, path, any_components=component is not None)
         if path.name.lower().endswith(nifti.ENDINGS):
             nifti.check_nifti(path)
         volume = reader.Execute()
@@ -109,13 +136,15 @@ def _read_file(path):
             "a medical image format such as NIfTI, NRRD, MetaImage or DICOM."
         )
         raise ValueError(msg) from None
+    if volume.GetNumberOfComponentsPerPixel() > 1:
+        volume = sitk.VectorIndexSelectionCast(volume, component)
     return volume[:, :, :, 0] if volume.GetDimension() == 4 else volume
 
 
-def _check_kind(reader, path):
+def _check_kind(reader, path, *, any_components):
     """Refuse what is not one grey-level volume, before its voxels are read."""
     components, size = reader.GetNumberOfComponents(), reader.GetSize()
-    if components > 1:
+    if components > 1 and not any_components:
         msg = (
             f"{path} has {components} values per voxel (a colour or vector image); a grey-level image is "
             "needed. Convert it, or choose one channel."

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import blank_figure, save_figure
+from ..analysis.canvas import blank_figure, literal, save_figure
 from ..analysis.pictures import organ_colours
 from ..analysis.shading import Camera, lit_mesh, shaded_triangles
 from .groups import faces_of, flat_triangles
@@ -37,7 +37,7 @@ def mesh_picture(path: str | os.PathLike, mesh: TetrahedralMesh, name: str) -> N
         If the file cannot be written.
     """
     figure = blank_figure((12.0, 7.0))
-    figure.text(0.03, 0.965, name.replace("$", r"\$"), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
     found = quality(mesh)
     lines = (
         f"{len(mesh.tetrahedra)} {('linear', 'second-order')[mesh.order - 1]} tetrahedra   \u00b7   "

@@ -6,8 +6,9 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import blank_figure, save_figure
-from ..analysis.shading import Camera, lit_mesh, shaded_triangles
+from ..analysis.canvas import blank_figure, literal, save_figure
+from ..analysis.coloured_surface import draw_colour_bar, draw_coloured
+from ..analysis.shading import Camera, lit_mesh
 from ..meshing.groups import faces_of, flat_triangles
 from .problems import SelfWeight
 from .solution import Solution
@@ -39,7 +40,7 @@ def simulation_picture(path: str | os.PathLike, solution: Solution, name: str) -
     """
     figure = blank_figure((12.0, 7.0))
     scale = _exaggeration(solution)
-    figure.text(0.03, 0.965, name.replace("$", r"\$"), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
     drawn = "deformation in its true size" if scale == 1.0 else f"deformation drawn {scale:.3g} times as large"
     lines = "\n".join([*described(solution), drawn])
     figure.text(0.03, 0.915, lines, size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
@@ -94,22 +95,11 @@ def _cut(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _draw(figure, left, points, triangles, values, label, colour_map, *, smooth) -> None:
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import Normalize
-
-    norm = Normalize(0.0, max(float(np.percentile(values, 99.5)), 1e-300))
-    colours = colormaps[colour_map](norm(values))[:, :3]
-    corners, shades = shaded_triangles(
-        [lit_mesh(points, triangles, smooth=smooth)], [colours], Camera.from_direction(_VIEWER)
-    )
+    mesh = lit_mesh(points, triangles, smooth=smooth)
+    limits = 0.0, max(float(np.percentile(values, 99.5)), 1e-300)
     axes = figure.add_axes((left, 0.13, 0.45, 0.70))
-    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
-    axes.autoscale_view()
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    place = figure.add_axes((left + 0.05, 0.085, 0.35, 0.022))
-    bar = figure.colorbar(ScalarMappable(norm, colour_map), cax=place, orientation="horizontal")
-    bar.set_label(label, color=_TEXT_COLOUR, size=10)
-    bar.outline.set_visible(False)
+    # Each triangle has three points of its own.
+    camera = Camera.from_direction(_VIEWER)
+    draw_coloured(axes, mesh, np.repeat(values, 3), camera=camera, limits=limits, colour_map=colour_map)
+    place = (left + 0.05, 0.085, 0.35, 0.022)
+    draw_colour_bar(figure, place, limits=limits, colour_map=colour_map, label=label)

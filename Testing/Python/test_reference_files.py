@@ -1,0 +1,161 @@
+"""References out of files: meshes of all kinds in their frames, label images, surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vtkmodules.vtkIOGeometry import vtkOBJWriter, vtkSTLWriter
+from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+from vtkmodules.vtkIOPLY import vtkPLYWriter
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+from VICRegistrationLib.analysis.closed_mesh import enclosed_volume
+from VICRegistrationLib.analysis.comparison import distances_from
+from VICRegistrationLib.analysis.deviation import ReferenceMesh
+from VICRegistrationLib.analysis.reference_files import read_reference
+from VICRegistrationLib.export.mesh_files import write_mesh
+from VICRegistrationLib.export.surface_data import add_text, polydata
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.surface import BSplineSurface
+from VICRegistrationLib.geometry.surface_file import write_surface
+from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.reading import write_image
+
+CENTER = np.array([30.0, -20.0, 10.0])
+WRITERS = {
+    ".stl": vtkSTLWriter,
+    ".ply": vtkPLYWriter,
+    ".vtp": vtkXMLPolyDataWriter,
+    ".vtk": vtkPolyDataWriter,
+    ".obj": vtkOBJWriter,
+}
+
+
+@pytest.fixture(scope="module")
+def surface():
+    return closed_organ(axes=np.diag([8.0, 10.0, 12.0]), center=CENTER)
+
+
+def depth(reference, place=CENTER):
+    """Signed distance of a place from a reference."""
+    return float(distances_from(reference, [place])[0])
+
+
+def written(path, points, triangles, *, space=""):
+    """Write a mesh as other programs do; with a marker of the frame in Slicer's manner if asked for."""
+    data, writer = polydata(points, triangles), WRITERS[path.suffix]()
+    if space and path.suffix == ".vtp":
+        add_text(data, "SPACE", space)
+    elif space:
+        writer.SetHeader(f"3D Slicer output. SPACE={space}")
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    assert writer.Write()
+    return path
+
+
+# ------------------------------------------------------------------ meshes
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".vtp"])
+def test_a_mesh_of_the_program_is_where_its_surface_is(surface, tmp_path, suffix):
+    path = tmp_path / f"organ{suffix}"
+    write_mesh(surface, path, name="organ")
+    read = read_reference(path)
+    # A VTP file of the program carries the surface itself.
+    assert read.kind == ("surface" if suffix == ".vtp" else "mesh")
+    assert depth(read.reference) == pytest.approx(-8.0, abs=0.1)
+
+
+@pytest.mark.parametrize("suffix", list(WRITERS))
+def test_a_mesh_of_another_program_is_lps_unless_it_is_told(surface, tmp_path, suffix):
+    mesh = triangulate(surface)
+    path = written(tmp_path / f"organ{suffix}", mesh.points, mesh.triangles)
+    assert depth(read_reference(path).reference, CENTER * [-1.0, -1.0, 1.0]) == pytest.approx(-8.0, abs=0.1)
+    assert depth(read_reference(path, frame="RAS").reference) == pytest.approx(-8.0, abs=0.1)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".vtk", ".vtp"])
+def test_the_marker_of_slicer_is_heeded(surface, tmp_path, suffix):
+    mesh = triangulate(surface)
+    path = written(tmp_path / f"organ{suffix}", mesh.points, mesh.triangles, space="RAS")
+    assert depth(read_reference(path).reference) == pytest.approx(-8.0, abs=0.1)
+
+
+def test_the_largest_piece_of_a_mesh_has_no_hollow(surface, tmp_path):
+    outer, inner = triangulate(surface), triangulate(closed_organ(axes=3.0 * np.eye(3), center=CENTER))
+    stray = triangulate(closed_organ(axes=2.0 * np.eye(3), center=CENTER + [20.0, 0.0, 0.0]))
+    parts = [outer, ReferenceMesh(inner.points, inner.triangles[:, ::-1]), stray]
+    offsets = np.cumsum([0, *(len(part.points) for part in parts)])
+    triangles = np.concatenate([part.triangles + offset for part, offset in zip(parts, offsets)])
+    path = written(tmp_path / "hollow.ply", np.concatenate([part.points for part in parts]), triangles)
+    whole = read_reference(path, frame="RAS")
+    assert depth(whole.reference) == pytest.approx(3.0, abs=0.1)
+    assert whole.notes == (f"the mesh {path} has 3 pieces; the option largest keeps only the largest one",)
+    largest = read_reference(path, frame="RAS", largest=True)
+    assert depth(largest.reference) == pytest.approx(-8.0, abs=0.1)
+    assert largest.notes == ()
+
+
+def test_what_is_no_closed_mesh_is_refused_with_its_name(surface, tmp_path):
+    mesh = triangulate(surface)
+    path = written(tmp_path / "open.stl", mesh.points, mesh.triangles[3:])
+    with pytest.raises(ValueError, match=r"open\.stl: The mesh is open"):
+        read_reference(path)
+    for suffix in WRITERS:
+        path = tmp_path / f"text{suffix}"
+        path.write_text("This is no mesh.\n" * 20)
+        with pytest.raises(ValueError, match=rf"text\{suffix} holds no triangles that can be read"):
+            read_reference(path)
+        with pytest.raises(OSError, match=r"cannot be read \(No such file or directory\); give a file that exists"):
+            read_reference(tmp_path / f"missing{suffix}")
+
+
+# ------------------------------------------------------------------ label images and surfaces
+
+
+def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
+    array = np.zeros((20, 20, 20), dtype=np.uint8)
+    array[4:14, 4:14, 4:14] = 2
+    array[8, 8, 8], array[17, 17, 17] = 0, 2
+    path = tmp_path / "label.nii.gz"
+    write_image(Image(array, np.eye(4)), path)
+    read = read_reference(path)
+    assert (read.kind, read.label) == ("label image", "2")
+    assert read.notes == (f"label 2 of {path} has 2 pieces; the option largest keeps only the largest one",)
+    # Flying edges cut the corners of voxels: a lone one has a sixth of its volume, a block loses its edges.
+    assert enclosed_volume(read.reference) == pytest.approx(1000.0, rel=0.02)
+    largest = read_reference(path, largest=True)
+    assert largest.notes == ()
+    assert depth(largest.reference, [8.0, 8.0, 8.0]) == pytest.approx(-4.5, abs=1e-6)
+    assert depth(largest.reference, [17.0, 17.0, 17.0]) > 3.0
+
+
+def test_a_surface_is_read_as_it_is(surface, tmp_path):
+    path = tmp_path / "organ.json"
+    write_surface(surface, path, name="organ")
+    read = read_reference(path)
+    assert isinstance(read.reference, BSplineSurface)
+    np.testing.assert_array_equal(read.reference.control_net, surface.control_net)
+
+
+def test_options_of_other_kinds_are_refused(surface, tmp_path):
+    path = tmp_path / "organ.json"
+    write_surface(surface, path, name="organ")
+    for option in ({"label": 1}, {"frame": "RAS"}, {"largest": True}):
+        with pytest.raises(
+            ValueError, match=rf"The option {next(iter(option))} was given, which does not fit .*surface"
+        ):
+            read_reference(path, **option)
+
+
+def test_the_experts_lumen_is_read_without_its_stray_pieces(shared_data):
+    path = shared_data / "bladder_mri" / "full_p5_label.nii.gz"
+    if not path.exists():
+        pytest.skip("there are no images of bladders in ../shared/data")
+    with pytest.raises(ValueError, match="holds 3 labels, 1, 2, 3; choose one"):
+        read_reference(path)
+    read = read_reference(path, label=3, largest=True)
+    # What the experts' voxels have in all, less what the corners of voxels lose.
+    assert enclosed_volume(read.reference) / 1000.0 == pytest.approx(148.4, abs=0.5)

@@ -1,0 +1,228 @@
+"""Comparison of a fitted surface with a reference: distances both ways, surface and volume Dice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.projection import closest_points
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import triangulate
+from ..imaging.phantom import volume_fractions
+from .closed_mesh import closed_mesh, enclosed_volume, mesh_area, signed_distances
+from .deviation import Deviation, Reference, ReferenceMesh, points_on, signed_to_surface
+
+# Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
+# counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.
+_SAMPLES = 160
+_CHORD_ERROR = 1e-4
+# Turns of the box about its axes, radians: a label's flat faces must not lie in one layer of samples.
+_TURNS = (0.4, 0.7, 1.1)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A fitted surface beside a reference.
+
+    Parameters
+    ----------
+    to_surface : Deviation
+        From points of the reference to the exact fitted surface: the paper's way (table 2).
+    to_reference : Deviation
+        From points of the fitted surface to the reference.
+    hausdorff : float
+        Largest distance of both ways, mm.
+    surface_dice : tuple of (tolerance, share)
+        Share of the area of both surfaces, from 0 to 1, that is no farther from the other one than the tolerance in mm.
+    volume_dice : float
+        Twice the common volume over the sum of both, from 0 to 1.
+    volume_ml, reference_ml : float
+        Volumes of the fitted surface and of the reference.
+    signed_to_surface, signed_to_reference : (n,) ndarray
+        All distances, mm, positive where the fitted surface lies outside of the reference.
+    """
+
+    to_surface: Deviation
+    to_reference: Deviation
+    hausdorff: float
+    surface_dice: tuple[tuple[float, float], ...]
+    volume_dice: float
+    volume_ml: float
+    reference_ml: float
+    signed_to_surface: np.ndarray
+    signed_to_reference: np.ndarray
+
+    @property
+    def volume_difference_ml(self) -> float:
+        """By how much the fitted organ is larger than the reference, ml."""
+        return self.volume_ml - self.reference_ml
+
+
+def compare(
+    surface: BSplineSurface,
+    reference: Reference,
+    *,
+    n_points: int = 10_000,
+    tolerances: Sequence[float] = (0.5, 1.0, 2.0),
+    seed: int = 0,
+) -> Comparison:
+    """Compare a fitted surface with a reference.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        Closed, RAS mm.
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh
+        Closed, RAS mm. One that is inside out, like the surface, is turned.
+    n_points : int
+        Number of points of each surface, spread evenly over its area.
+    tolerances : sequence of float
+        Of the surface Dice, mm.
+    seed : int
+        Of the random numbers that place the points.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        If the surface or the reference is open, has no volume or is not finite, or a number is out of range.
+
+    Notes
+    -----
+    Distances to a B-spline surface are those to the exact surface, distances to a mesh those to its triangles. The
+    largest distance is that of the points. Surface Dice after Nikolov et al. (arXiv 1809.04430, 2018), here by points
+    instead of surface elements: the standard error of 10,000 points is 0.005 at most. Volume Dice by counting samples
+    of a lattice, within 0.001; volumes are exact.
+    """
+    _check_tolerances(tolerances)
+    surface, reference = _outward(surface), _sound(reference)
+    to_surface = signed_to_surface(surface, reference, n_points, seed=seed)
+    to_reference = _distances(reference, points_on(surface, n_points, seed=seed))
+    areas = surface.area(tolerance=1e-4), _area(reference)
+    shares = [
+        np.average([np.mean(np.abs(way) <= tolerance) for way in (to_reference, to_surface)], weights=areas)
+        for tolerance in tolerances
+    ]
+    return Comparison(
+        to_surface=Deviation.of(to_surface),
+        to_reference=Deviation.of(to_reference),
+        hausdorff=float(max(np.abs(to_surface).max(), np.abs(to_reference).max())),
+        surface_dice=tuple((float(tolerance), float(share)) for tolerance, share in zip(tolerances, shares)),
+        volume_dice=_volume_dice(_triangles(surface), _triangles(reference)),
+        volume_ml=surface.volume() / 1000.0,
+        reference_ml=_volume(reference) / 1000.0,
+        signed_to_surface=to_surface,
+        signed_to_reference=to_reference,
+    )
+
+
+def distances_from(reference: Reference, points: np.ndarray) -> np.ndarray:
+    """Signed distances of points from a reference, such as vertices that are to be coloured.
+
+    Parameters
+    ----------
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh
+        Closed, RAS mm.
+    points : (n, 3) array_like
+        RAS mm.
+
+    Returns
+    -------
+    (n,) ndarray
+        mm, positive outside of the reference.
+
+    Raises
+    ------
+    ValueError
+        If the reference is open, has no volume or is not finite.
+    """
+    return _distances(_sound(reference), points)
+
+
+# ------------------------------------------------------------------ references that are known to be sound
+
+
+def _outward(surface: BSplineSurface) -> BSplineSurface:
+    """Turn the normals of a closed surface outward."""
+    if not surface.closed:
+        msg = "The surface is open; inside and outside need a closed one (a seam and two poles, or two seams)."
+        raise ValueError(msg)
+    volume = surface.volume()
+    if volume == 0.0:
+        msg = "The surface encloses no volume; give one of a solid organ."
+        raise ValueError(msg)
+    return surface if volume > 0.0 else surface.turned()
+
+
+def _sound(reference: Reference) -> BSplineSurface | ReferenceMesh:
+    """Give a reference outward normals, once it is known to be closed."""
+    return _outward(reference) if isinstance(reference, BSplineSurface) else closed_mesh(reference)
+
+
+def _distances(reference: BSplineSurface | ReferenceMesh, points: np.ndarray) -> np.ndarray:
+    if isinstance(reference, BSplineSurface):
+        return closest_points(reference, points).distances
+    return signed_distances(reference, points)
+
+
+def _area(reference: BSplineSurface | ReferenceMesh) -> float:
+    return reference.area(tolerance=1e-4) if isinstance(reference, BSplineSurface) else mesh_area(reference)
+
+
+def _volume(reference: BSplineSurface | ReferenceMesh) -> float:
+    return reference.volume() if isinstance(reference, BSplineSurface) else enclosed_volume(reference)
+
+
+def _triangles(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
+    if isinstance(reference, ReferenceMesh):
+        return reference
+    mesh = triangulate(reference, chord_error=_CHORD_ERROR * reference.size)
+    return ReferenceMesh(mesh.points, mesh.triangles)
+
+
+# ------------------------------------------------------------------ common volume
+
+
+def _volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
+    """Twice the common volume over the sum of both, counted on one lattice around them."""
+    turn = _turn()
+    places = [mesh.points @ turn for mesh in (first, second)]
+    lows, highs = (np.array([edge(each, axis=0) for each in places]) for edge in (np.min, np.max))
+    if np.any(lows.max(axis=0) >= highs.min(axis=0)):
+        return 0.0
+    low, high = lows.min(axis=0), highs.max(axis=0)
+    step = (high - low) / _SAMPLES
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * step
+    matrix[:3, 3] = turn @ (low + step / 2.0)
+    inside = [
+        volume_fractions(mesh.points, mesh.triangles, (_SAMPLES,) * 3, matrix, supersampling=(1, 1, 1)) > 0.5
+        for mesh in (first, second)
+    ]
+    total = sum(np.count_nonzero(each) for each in inside)
+    if not total:
+        msg = "Surface and reference are too thin to count their volume; give surfaces of solid organs."
+        raise ValueError(msg)
+    return float(2.0 * np.count_nonzero(inside[0] & inside[1]) / total)
+
+
+def _turn() -> np.ndarray:
+    """Rotation (3, 3) whose columns are the directions of the lattice."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate(_TURNS):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        one = np.eye(3)
+        one[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        matrix = matrix @ one
+    return matrix
+
+
+def _check_tolerances(tolerances: Sequence[float]) -> None:
+    if not all(np.isfinite(tolerance) and tolerance > 0.0 for tolerance in tolerances):
+        msg = f"Tolerances of {list(tolerances)} mm were given; they must be positive lengths, such as 1."
+        raise ValueError(msg)

@@ -1,0 +1,126 @@
+"""References in files: label images, meshes, and surfaces of the program."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from scipy import ndimage
+
+from ..export.mesh_files import read_vtp_record
+from ..export.mesh_reading import READABLE_MESHES, holds_surface, read_triangles
+from ..geometry.surface_file import read_surface_record
+from ..imaging.labels import read_label
+from ..imaging.morphology import fill_holes
+from ..imaging.separation import region_from_mask
+from .closed_mesh import closed_mesh, pieces
+from .deviation import Reference, ReferenceMesh, mesh_of_mask
+
+
+@dataclass(frozen=True, eq=False)
+class ReadReference:
+    """A reference and what its file tells of it.
+
+    Parameters
+    ----------
+    reference : BSplineSurface or ReferenceMesh
+        RAS mm.
+    kind : {"surface", "mesh", "label image"}
+    label : str
+        Value and name of the label; empty for other kinds.
+    notes : tuple of str
+        What should be looked at, a sentence each.
+    """
+
+    reference: Reference
+    kind: str
+    label: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def read_reference(
+    path: str | os.PathLike,
+    *,
+    organ: str = "",
+    label: int | str | None = None,
+    largest: bool = False,
+    frame: str | None = None,
+) -> ReadReference:
+    """Read what a fitted surface is to be compared with.
+
+    Parameters
+    ----------
+    path : path
+        A surface (.json, or .vtp with a control net), a mesh (.stl, .ply, .vtp, .vtk, .obj), or a label image that
+        SimpleITK reads.
+    organ : str
+        Name of the organ: of several segments with names, that of the organ is taken.
+    label : int or str, optional
+        Value or name of the label, for label images.
+    largest : bool
+        Keep the largest piece of a label or a mesh only, and fill its hollows.
+    frame : {"LPS", "RAS"}, optional
+        Frame of a mesh; see :func:`read_triangles`.
+
+    Returns
+    -------
+    ReadReference
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it holds no reference, it is not clear which label is meant, or an option does not fit the kind of file.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    unfit = {
+        "label": label is not None and kind != "label image",
+        "frame": frame is not None and kind != "mesh",
+        "largest": largest and kind == "surface",
+    }
+    for option, given in unfit.items():
+        if given:
+            msg = f"The option {option} was given, which does not fit {path}: it is a {kind}. Leave it out."
+            raise ValueError(msg)
+    if kind == "surface":
+        record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
+        return ReadReference(record.surface, kind)
+    return _mesh(path, largest, frame) if kind == "mesh" else _label(path, label, organ, largest)
+
+
+def _kind(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix == ".json" or (suffix == ".vtp" and holds_surface(path)):
+        return "surface"
+    return "mesh" if suffix in READABLE_MESHES else "label image"
+
+
+def _mesh(path: Path, largest: bool, frame: str | None) -> ReadReference:
+    try:
+        mesh = closed_mesh(ReferenceMesh(*read_triangles(path, frame=frame)))
+    except ValueError as error:
+        msg = str(error) if str(path) in str(error) else f"{path}: {error}"
+        raise ValueError(msg) from error
+    parts = pieces(mesh)
+    if largest:
+        return ReadReference(parts[0], "mesh")
+    return ReadReference(mesh, "mesh", notes=_about_pieces(len(parts), f"the mesh {path}"))
+
+
+def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> ReadReference:
+    mask, segment = read_label(path, label, organ=organ)
+    region = region_from_mask(mask, mask.array, largest_component=largest)
+    if largest:
+        region = replace(region, mask=fill_holes(region.mask))
+    notes = () if largest else _about_pieces(ndimage.label(region.mask)[1], f"label {segment} of {path}")
+    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), notes)
+
+
+def _about_pieces(count: int, what: str) -> tuple[str, ...]:
+    """Tell of stray pieces, whose distances would count."""
+    if count < 2:
+        return ()
+    return (f"{what} has {count} pieces; the option largest keeps only the largest one",)

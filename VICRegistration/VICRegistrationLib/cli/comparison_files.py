@@ -1,0 +1,234 @@
+"""Comparisons as a table for people and as files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..analysis.comparison import Comparison, distances_from
+from ..analysis.reference_files import ReadReference
+from ..export.mesh_files import write_vtp
+from ..files import replacing
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
+from .words import aligned
+
+JSON, CSV = "comparison.json", "comparison.csv"
+SCHEMA, VERSION = "vic-registration/comparison", 1
+SCALARS = "Deviation"
+_CHORD_ERROR = 0.05
+# Below it, surface and reference are hardly of the same organ.
+_DOUBTFUL_DICE = 0.1
+# Small enough to look smooth, and to show where the deviation changes.
+_LEAST_RESOLUTION = (128, 80)
+_STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum", "mean_signed")
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedOrgan:
+    """A fitted organ, its reference, and how they compare.
+
+    Parameters
+    ----------
+    name : str
+    surface : BSplineSurface
+        RAS mm.
+    read : ReadReference
+    path : Path
+        File of the reference.
+    comparison : Comparison
+    """
+
+    name: str
+    surface: BSplineSurface
+    read: ReadReference
+    path: Path
+    comparison: Comparison
+
+    @property
+    def against(self) -> str:
+        """What it was compared with, in words."""
+        return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
+
+    @property
+    def warnings(self) -> list[str]:
+        """What should be looked at before the numbers are used, a sentence each."""
+        found = list(self.read.notes)
+        if self.comparison.volume_dice < _DOUBTFUL_DICE:
+            found.append(
+                f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
+                "that both are of one organ in one image"
+                + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
+            )
+        return found
+
+    @cached_property
+    def mesh(self) -> TriangleMesh:
+        """Triangles to look at."""
+        needed = resolution_for_chord_error(self.surface, _CHORD_ERROR)
+        u, v = (max(pair) for pair in zip(needed, _LEAST_RESOLUTION))
+        return triangulate(self.surface, resolution=(u, v))
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """Of the triangles' points from the reference, mm."""
+        return distances_from(self.read.reference, self.mesh.points)
+
+
+def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
+    """Tables of the distances, and of what organs and references have in common.
+
+    Parameters
+    ----------
+    organs : sequence of ComparedOrgan
+
+    Returns
+    -------
+    str
+        Lines.
+    """
+    distances = [("distances, mm", "", "mean", "std", "RMS", "median", "95 %", "largest", "signed")]
+    common = []
+    for organ in organs:
+        found = organ.comparison
+        for way, each in (("reference to surface", found.to_surface), ("surface to reference", found.to_reference)):
+            numbers = [getattr(each, key) for key in _STATISTICS]
+            distances.append((organ.name, way, *(f"{number:.2f}" for number in numbers[:-1]), f"{numbers[-1]:+.2f}"))
+        tolerances = [f"{tolerance:g} mm" for tolerance, _ in found.surface_dice]
+        common.append(
+            (
+                organ.name,
+                f"{found.hausdorff:.2f} mm",
+                *(f"{share:.3f}" for _, share in found.surface_dice),
+                f"{found.volume_dice:.3f}",
+                f"{found.volume_ml:.1f} ml",
+                f"{found.reference_ml:.1f} ml",
+                f"{found.volume_difference_ml:+.1f} ml",
+            )
+        )
+    titles = ("", "Hausdorff", *(f"Dice {each}" for each in tolerances), "volume Dice")
+    return f"{aligned(distances)}\n\n{aligned([(*titles, 'volume', 'reference', 'difference'), *common])}"
+
+
+def organ_files(name: str, *, pictures: bool) -> list[str]:
+    """Names of the files of one organ.
+
+    Parameters
+    ----------
+    name : str
+    pictures : bool
+        Whether pictures are drawn.
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"{name}_deviation.vtp", *([f"{name}_deviation.png"] if pictures else [])]
+
+
+def write_organ(organ: ComparedOrgan, folder: Path, *, pictures: bool) -> None:
+    """Write the coloured triangles, and the picture.
+
+    Parameters
+    ----------
+    organ : ComparedOrgan
+    folder : Path
+    pictures : bool
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    OSError
+        If a file cannot be written.
+    """
+    files = organ_files(organ.name, pictures=pictures)
+    write_vtp(organ.mesh, organ.surface, folder / files[0], name=organ.name, scalars={SCALARS: organ.distances})
+    if pictures:
+        from ..analysis.deviation_picture import deviation_picture
+
+        deviation_picture(folder / files[1], organ.mesh, organ.distances, organ.comparison, organ.name, organ.against)
+
+
+def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int, pictures: bool) -> None:
+    """Write comparison.csv and comparison.json.
+
+    Parameters
+    ----------
+    organs : sequence of ComparedOrgan
+    folder : Path
+    points : int
+        That distances were taken at.
+    pictures : bool
+        Whether pictures are drawn.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    table = io.StringIO()
+    rows = [_row(organ) for organ in organs]
+    writer = csv.DictWriter(table, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    content = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "program": f"vic-registration {__version__}",
+        "frame": "RAS",
+        "mesh_frame": "LPS",
+        "unit": "mm",
+        "points": points,
+        "organs": {
+            organ.name: {**_entry(organ), "files": organ_files(organ.name, pictures=pictures)} for organ in organs
+        },
+    }
+    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    for name, whole in ((CSV, table.getvalue()), (JSON, text)):
+        with replacing(folder / name) as draft:
+            draft.write_text(whole, encoding="utf-8")
+
+
+def _entry(organ: ComparedOrgan) -> dict:
+    """Everything about one organ, as JSON keeps it."""
+    found = organ.comparison
+    return {
+        "reference": str(organ.path),
+        "kind": organ.read.kind,
+        "label": organ.read.label or None,
+        "to_surface": dataclasses.asdict(found.to_surface),
+        "to_reference": dataclasses.asdict(found.to_reference),
+        "hausdorff": found.hausdorff,
+        "surface_dice": [{"tolerance": tolerance, "dice": share} for tolerance, share in found.surface_dice],
+        "volume_dice": found.volume_dice,
+        "volume_ml": found.volume_ml,
+        "reference_ml": found.reference_ml,
+        "volume_difference_ml": found.volume_difference_ml,
+        "warnings": organ.warnings,
+    }
+
+
+def _row(organ: ComparedOrgan) -> dict[str, str]:
+    """One line of the table for programs; lengths in mm."""
+    found = organ.comparison
+    numbers = {
+        f"{way}_{key}_mm": getattr(getattr(found, way), key)
+        for way in ("to_surface", "to_reference")
+        for key in _STATISTICS
+    }
+    numbers["hausdorff_mm"] = found.hausdorff
+    numbers.update({f"surface_dice_{tolerance:g}mm": share for tolerance, share in found.surface_dice})
+    for key in ("volume_dice", "volume_ml", "reference_ml", "volume_difference_ml"):
+        numbers[key] = getattr(found, key)
+    texts = {"organ": organ.name, "reference": str(organ.path), "label": organ.read.label}
+    return {**texts, **{key: repr(float(number)) for key, number in numbers.items()}}

@@ -1,0 +1,106 @@
+"""Triangles out of files: STL, PLY, OBJ, VTK and VTP."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
+from vtkmodules.vtkIOLegacy import vtkPolyDataReader
+from vtkmodules.vtkIOPLY import vtkPLYReader
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+from ..files import reason
+from .frames import RAS_TO_LPS
+from .vtk_xml import silent_vtk
+
+_READERS = {
+    ".stl": vtkSTLReader,
+    ".ply": vtkPLYReader,
+    ".vtp": vtkXMLPolyDataReader,
+    ".vtk": vtkPolyDataReader,
+    ".obj": vtkOBJReader,
+}
+READABLE_MESHES = tuple(_READERS)
+FRAMES = ("LPS", "RAS")
+# Where the marker may be: the header of an STL or VTK file, the comments of a PLY or OBJ file.
+_HEADER_BYTES = 2000
+
+
+def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Read the triangles of a mesh; other polygons are cut into triangles.
+
+    Parameters
+    ----------
+    path : path
+        .stl, .ply, .vtp, .vtk or .obj; mm.
+    frame : {"LPS", "RAS"}, optional
+        Frame of its coordinates. If not given, what the file says in Slicer's manner ("SPACE=RAS" in the header), else
+        LPS, as Slicer takes it.
+
+    Returns
+    -------
+    points : (n, 3) ndarray
+        RAS mm.
+    triangles : (m, 3) ndarray of int
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no such file or holds no triangles.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in _READERS:
+        msg = f"The mesh {path} was given; a file {', '.join(_READERS)} is needed."
+        raise ValueError(msg)
+    try:
+        with path.open("rb") as file:
+            header = file.read(_HEADER_BYTES)
+    except OSError as error:
+        msg = f"The mesh {path} cannot be read ({reason(error)}); give a file that exists."
+        raise OSError(msg) from error
+    reader = _READERS[path.suffix.lower()]()
+    reader.SetFileName(str(path))
+    triangulated = vtkTriangleFilter()
+    triangulated.PassLinesOff()
+    triangulated.PassVertsOff()
+    with silent_vtk():
+        reader.Update()
+        data = reader.GetOutput()
+        triangulated.SetInputData(data)
+        triangulated.Update()
+    found = triangulated.GetOutput()
+    if not found.GetNumberOfPolys():
+        msg = f"The file {path} holds no triangles that can be read; give a closed mesh as a {path.suffix} file."
+        raise ValueError(msg)
+    points = vtk_to_numpy(found.GetPoints().GetData()).astype(float)
+    triangles = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    return points * (RAS_TO_LPS if (frame or _told_frame(data, header)) == "LPS" else 1.0), triangles
+
+
+def holds_surface(path: str | os.PathLike) -> bool:
+    """Whether a VTP file carries the control net of a B-spline surface; no if it cannot be read."""
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    with silent_vtk():
+        reader.Update()
+    return reader.GetOutput().GetFieldData().GetArray("control_net") is not None
+
+
+def _told_frame(data: vtkPolyData, header: bytes) -> str:
+    """Frame that a file is marked with; LPS if there is no mark."""
+    array = data.GetFieldData().GetAbstractArray("SPACE")
+    if isinstance(array, vtkStringArray) and array.GetNumberOfValues() == 1:
+        told = array.GetValue(0)
+    else:
+        match = re.search(rb"SPACE=([\w-]+)", header)
+        told = match[1].decode("ascii", "replace") if match else ""
+    return "RAS" if told.upper() in ("RAS", "RIGHT-ANTERIOR-SUPERIOR") else "LPS"
