@@ -22,7 +22,7 @@ _WINDOW_MM, _LAG_MM = 6.0, 1.5
 _DEPTH_MM = 4.0
 _LONGEST_RAY_MM = 150.0
 # The level at the end of a ray is still that of the organ within this share of the contrast.
-_ASTRAY_SHARE = 0.5
+_ASTRAY_SHARE = 0.45
 # What several seeds see together is measured on a lattice of so many points along each axis.
 _LATTICE = 20
 _RAYS_BETWEEN = 4
@@ -48,6 +48,8 @@ class Edges:
     inner, outer : ndarray, shape (n_seeds, n_rays)
         Grey levels before and behind the edge. Where none was found, that before the end of the ray, and nothing of
         meaning.
+    levels : ndarray, shape (n_seeds,)
+        Grey levels around the seeds.
     middle, spread : float
         Median and scaled median absolute deviation of the grey levels inside.
     directions : ndarray, shape (n_rays, 3)
@@ -61,6 +63,7 @@ class Edges:
     points: np.ndarray
     inner: np.ndarray
     outer: np.ndarray
+    levels: np.ndarray
     middle: float
     spread: float
     directions: np.ndarray
@@ -72,13 +75,17 @@ class Edges:
         return self.points[:, 0] - self.distances[:, :1] * self.directions[0]
 
     @cached_property
+    def contrast(self) -> float:
+        """Difference between the levels inside and behind the edges."""
+        return float(np.abs(self.middle - np.median(self.outer[self.found]))) if self.found.any() else np.inf
+
+    @cached_property
     def astray(self) -> np.ndarray:
         """Rays that have slipped out through a gap or along a wall, (n_seeds, n_rays) of bool.
 
         The level before their end is no longer that of the organ, or they find no end at all.
         """
-        contrast = np.abs(self.middle - np.median(self.outer[self.found])) if self.found.any() else np.inf
-        other = np.abs(self.inner - self.middle) > _ASTRAY_SHARE * contrast
+        other = np.abs(self.inner - self.middle) > _ASTRAY_SHARE * self.contrast
         return other | (~self.found & (self.distances > _LONGEST_RAY_MM - 1.0))
 
     @cached_property
@@ -117,11 +124,16 @@ class Edges:
             points.append(self.seeds + 0.75 * lever)
         return np.concatenate(points)
 
+    @property
+    def volumes(self) -> np.ndarray:
+        """Volume that the rays of each seed span, (n_seeds,) mm^3."""
+        return 4.0 / 3.0 * np.pi * (self.lengths**3).mean(axis=1)
+
     @cached_property
     def volume(self) -> float:
         """Volume in mm^3 that the rays of all seeds span together: right for an organ that they see all of."""
         if len(self.seeds) == 1:
-            return float(4.0 / 3.0 * np.pi * (self.lengths**3).mean())
+            return float(self.volumes[0])
         ends = self.seeds[:, None] + self.lengths[..., None] * self.directions
         low, high = (limit(ends.reshape(-1, 3) @ self.axes, axis=0) for limit in (np.min, np.max))
         inside = (np.arange(_LATTICE) + 0.5) / _LATTICE
@@ -181,6 +193,7 @@ def find_edges(image: Image, seeds) -> Edges:
         points=seeds[:, None, :] + distances[..., None] * directions,
         inner=inner.reshape(shape),
         outer=outer.reshape(shape),
+        levels=level,
         middle=middle,
         spread=spread,
         directions=directions,
@@ -192,7 +205,7 @@ def joined(first: Edges, second: Edges, chosen: np.ndarray) -> Edges:
     """Edges of two sets of seeds in one organ, the second one's chosen only; the levels inside are the first one's."""
     both = {
         name: np.concatenate([getattr(first, name), getattr(second, name)[chosen]])
-        for name in ("distances", "found", "points", "inner", "outer")
+        for name in ("distances", "found", "points", "inner", "outer", "levels")
     }
     return replace(first, **both)
 

@@ -102,17 +102,29 @@ class Limits:
         -------
         (nk, nj, ni) ndarray of bool
         """
+        held = _within(grey, self.low, self.high)
         if not self.offsets.size:
-            return _within(grey, self.low, self.high)
+            return held
+        # Beyond the lattice the limits are the typical ones.
+        last = self.first + self.step * (np.array(self.offsets.shape[1:]) - 1)
+        size = np.array(grey.shape[::-1])
+        begin, end = (
+            np.clip(np.ceil(limit - np.asarray(start)[::-1]), 0, size).astype(int) for limit in (self.first, last)
+        )
+        box = tuple(slice(int(low), int(high)) for low, high in zip(begin[::-1], end[::-1]))
+        low, high = self._interpolated(begin + np.asarray(start)[::-1], end - begin)
+        held[box] = _within(grey[box], self.low + low, self.high + high)
+        return held
+
+    def _interpolated(self, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both offsets at the voxels of a box whose first voxel and size are (i, j, k), each (nk, nj, ni)."""
         low, high = self.offsets.astype(np.float32)
-        for begin, size, first, step, count in zip(
-            np.asarray(start)[::-1], grey.shape[::-1], self.first, self.step, low.shape
-        ):
-            away = (begin + np.arange(size) - first)[:, None] / step - np.arange(count)
+        for begin, length, first, step, count in zip(start, size, self.first, self.step, low.shape):
+            away = (begin + np.arange(length) - first)[:, None] / step - np.arange(count)
             hats = np.maximum(1.0 - np.abs(away), 0.0).astype(np.float32)
             # Contracts the leading axis and puts its voxels last: after three turns the order is i, j, k again.
             low, high = (np.tensordot(level, hats, axes=(0, 1)) for level in (low, high))
-        return _within(grey, self.low + low.transpose(2, 1, 0), self.high + high.transpose(2, 1, 0))
+        return low.transpose(2, 1, 0), high.transpose(2, 1, 0)
 
 
 def _offsets(edges: Edges, low: float, high: float) -> np.ndarray:

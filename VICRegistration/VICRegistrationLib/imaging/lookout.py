@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from .boxes import ball_box
 from .edges import find_edges, joined
@@ -10,12 +11,15 @@ from .limits import Limits
 from .region_checks import place
 from .seeds import voxels_of
 
-# A seed is taken to be meant for a voxel within the limits that is this near.
+# A seed is taken to be meant for a place within the limits that is this near, and this deep if there is one.
 _CLICK_MM = 4.0
+_DEEP_MM = 2.0
 # From places as far from all seeds as this share of the organ's radius, other parts of the organ are seen.
 _OFF_SEEDS = 0.5
 # Such a place is as wide as this share of the widest one around a seed.
 _NARROW = 0.6
+# And its level is that of the organ within this share of the contrast.
+_ALIKE = 0.25
 # From there one may see farther, and so on.
 _ROUNDS = 3
 
@@ -37,8 +41,9 @@ def looked_around(image, seeds, given):
         if not len(others):
             break
         seen = find_edges(image, others)
-        # Not from a bridge: it is narrower than the organ.
-        wide = seen.depths > _NARROW * edges.depths.max()
+        # Not from a bridge, which is narrower than the organ, and not from other tissue.
+        alike = np.abs(seen.levels - edges.middle) < _ALIKE * edges.contrast
+        wide = alike & (seen.depths > _NARROW * edges.depths.max())
         if not wide.any():
             break
         edges = joined(edges, seen, wide)
@@ -58,17 +63,23 @@ def _held(image, limits, points):
 
 
 def _settled(image, seed, limits, *, suggested):
-    """Move a seed into the nearest voxel within the limits, if there is one about as near as a click is exact."""
+    """Move a seed in or near a wall to the deepest place within the limits that is about as near as a click is exact."""
     voxel = voxels_of(image, seed[None])[0]
-    near, distances = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], _CLICK_MM)
-    held = limits.holds([part.start for part in near], image.array[near])
-    if held[tuple(voxel - [part.start for part in near])]:
+    box, _ = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], _CLICK_MM + _DEEP_MM)
+    start = np.array([part.start for part in box])
+    held = limits.holds(start, image.array[box])
+    # Beyond the volume the organ may go on.
+    depths = ndimage.distance_transform_edt(held, sampling=image.spacing[::-1])
+    near, distances = ball_box(held, voxel - start, image.ijk_to_ras[:3, :3], _CLICK_MM)
+    if depths[tuple(voxel - start)] >= _DEEP_MM or held.all():
         return seed
-    distances = np.where(held, distances, np.inf)
-    if distances.min() == np.inf:
+    if not (held[near] & (distances < np.inf)).any():
         _refuse_seed(image, seed, voxel, limits, suggested=suggested)
-    k, j, i = np.unravel_index(distances.argmin(), distances.shape)
-    return image.to_ras(np.array([[i, j, k]]) + [part.start for part in near[::-1]])[0]
+    # Of places as deep, the nearest.
+    merit = np.where(distances < np.inf, np.minimum(depths[near], _DEEP_MM) - 1e-3 * distances, -np.inf)
+    k, j, i = np.unravel_index(merit.argmax(), merit.shape)
+    moved = np.array([[i, j, k]]) + start[::-1] + [part.start for part in near[::-1]]
+    return image.to_ras(moved)[0]
 
 
 def _refuse_seed(image, seed, voxel, limits, *, suggested):

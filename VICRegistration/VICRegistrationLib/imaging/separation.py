@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,11 +29,14 @@ _FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
 # a share of its length.
 _ASTRAY = 0.02
 _GROWTH = 0.3
+_MOST_GROWTHS = 3
 # Radii tried by default: the first, the next ones if the region leaks, the small ones if it vanishes.
 _EROSIONS_MM = (2.0, 3.0, 4.0, 5.0, 6.0)
 _THIN_EROSIONS_MM = (1.0, 0.0)
-# A region of less than this share of what the rays from the seeds span is a fragment of the organ.
-_FRAGMENT = 0.5
+# A region this many times what the rays span has leaked even if they do not see all of the organ.
+_LEAK_FOR_SURE = 2.0
+# A region of less than this share of what the rays from any seed span is a fragment of the organ.
+_FRAGMENT = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,17 +189,20 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
 def _separated_by_default(image, edges, voxels, limits, dilation):
     """Erode as little as keeps the region within what the rays from the seeds span; see `separate`."""
     seen = edges.volume / image.voxel_volume
-    attempts = [(erosion, LEAK_FACTOR * seen) for erosion in _EROSIONS_MM]
-    # If none will do, the rays saw too little of a bent organ, or the organ is thin.
-    attempts += [(erosion, np.inf) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
-    for erosion, limit in attempts:
+    fragment = _FRAGMENT * edges.volumes.min() / image.voxel_volume
+    attempts = [
+        (erosion, fragment, factor * seen) for factor in (LEAK_FACTOR, _LEAK_FOR_SURE) for erosion in _EROSIONS_MM
+    ]
+    # If none will do, the rays saw too little of a bent organ or too much, or the organ is thin.
+    attempts += [(erosion, 0.0, np.inf) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
+    for erosion, least, limit in attempts:
         grown = _grown_core(image, edges, voxels, limits, erosion, dilation, most_voxels=limit)
         if grown is None or not grown[2].any():
             continue
         start, inside, core = grown
         mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
         # What is left of an organ that was eroded too much fits into anything.
-        if _FRAGMENT * seen <= np.count_nonzero(mask) <= limit and pieces(mask) == 1:
+        if least <= np.count_nonzero(mask) <= limit and pieces(mask) == 1:
             break
     return start, mask, erosion
 
@@ -223,7 +230,8 @@ def _grown_core(image, edges, voxels, limits, erosion, dilation, *, most_voxels=
     steps = image.ijk_to_ras[:3, :3]
     room = ball_reach(steps, max(erosion, dilation or 0.0))
     start, stop = _first_box(image, edges, voxels, erosion)
-    while True:
+    # What leaves the rays' ends far behind will be too large: not all of the leak has to be seen.
+    for _ in itertools.count() if most_voxels == np.inf else range(_MOST_GROWTHS):
         outer_start = np.maximum(start - room, 0)
         outer_stop = np.minimum(stop + room, shape)
         grey = image.array[tuple(map(slice, outer_start, outer_stop))]
@@ -247,12 +255,14 @@ def _grown_core(image, edges, voxels, limits, erosion, dilation, *, most_voxels=
         growth = np.maximum(((stop - start) * _GROWTH).astype(int), 1)
         start = np.where(grow_low, np.maximum(start - growth, 0), start)
         stop = np.where(grow_high, np.minimum(stop + growth, shape), stop)
+    return None
 
 
 def _first_box(image, edges, voxels, erosion):
     """Box of the ends of the rays, without those that went astray, and of the neighbourhood of the seeds."""
     shape = np.array(image.array.shape)
-    ends = image.to_ijk(edges.points.reshape(-1, 3))[:, ::-1]
+    sound = edges.points[~edges.astray] if not edges.astray.all() else edges.points.reshape(-1, 3)
+    ends = image.to_ijk(sound)[:, ::-1]
     low, high = np.quantile(ends, [_ASTRAY, 1 - _ASTRAY], axis=0)
     reach = np.ceil(2 * erosion / image.spacing[::-1]) + 1
     start = np.floor(np.minimum(low, voxels.min(axis=0) - reach)).astype(int) - 1

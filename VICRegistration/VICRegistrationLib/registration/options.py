@@ -7,13 +7,12 @@ from numbers import Real
 
 import numpy as np
 
-from ..geometry import models
 from ..geometry.parametrization import CLOSURES
 from .levels import LEVEL_MODES
 from .solvers import SOLVERS
 
-# The paper: a ramp of 2 to 3 pixels suits the MRI used.
-TAU_PIXELS = 2.5
+# The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
+TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0
 MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
 STOPPINGS = ("settled", "published")
 
@@ -24,8 +23,9 @@ class FitOptions:
 
     Parameters
     ----------
-    net : (rows, columns)
-        Size of the control net in the paper's counting.
+    net : (rows, columns), optional
+        Size of the control net in the paper's counting; if not given it is chosen, see :mod:`.automatic`: 9x7, or 17x11
+        where that lowers the cost by more than noise explains.
     closure : {"smooth", "paper"}
         How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
     threshold : (low, high), optional
@@ -36,15 +36,16 @@ class FitOptions:
         Dilation of the separated organ back to its edge, mm; as far as the erosion if not given.
     solver : {"gauss-newton", "gradient-descent"}
     tau : float, optional
-        Width of the intensity profile's ramp in mm; `TAU_PIXELS` times the finest voxel spacing if not given.
+        Width of the intensity profile's ramp in mm; as wide as the edge in the image if not given.
     centered : bool
         Whether the surface lies at half height of the ramp, or as published at its inner foot.
     levels : {"local", "organ", "given"}
         Grey levels inside and outside: estimated along the surface, once for the organ, or given.
     inside, outside : float, optional
         Grey levels for ``levels="given"``.
-    smoothness : float
-        Weight of the thin-plate energy, dimensionless, see :class:`.stages.Stage`; larger is stiffer.
+    smoothness : float, optional
+        Weight of the thin-plate energy on the grey levels, dimensionless, see :class:`.stages.Stage`; larger is
+        stiffer. If not given, it is chosen by the noise.
     tolerance : float
         Largest displacement of a control point at which the last stage stops, mm.
     stopping : {"settled", "published"}
@@ -57,7 +58,7 @@ class FitOptions:
         surface passes a point that was 5 mm off at 0.1 mm, with 0.1 at about 1 mm.
     """
 
-    net: tuple[int, int] = models.DEFAULT_NET
+    net: tuple[int, int] | None = None
     closure: str = "smooth"
     threshold: tuple[float, float] | None = None
     erosion: float | None = None
@@ -68,7 +69,7 @@ class FitOptions:
     levels: str = "local"
     inside: float | None = None
     outside: float | None = None
-    smoothness: float = 1e-5
+    smoothness: float | None = None
     tolerance: float = 0.1
     stopping: str = "settled"
     max_iterations: int | None = None
@@ -76,7 +77,8 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         """Check what can be checked without an image."""
-        object.__setattr__(self, "net", _checked_net(self.net))
+        if self.net is not None:
+            object.__setattr__(self, "net", _checked_net(self.net))
         words = {"solver": tuple(SOLVERS), "levels": LEVEL_MODES, "closure": CLOSURES, "stopping": STOPPINGS}
         for name, choices in words.items():
             if getattr(self, name) not in choices:
@@ -87,7 +89,7 @@ class FitOptions:
             raise ValueError(msg)
         for name in ("tau", "tolerance", "smoothness", "max_iterations", "boundary_weight"):
             value = getattr(self, name)
-            if value is None and name in ("tau", "max_iterations"):
+            if value is None and name in ("tau", "smoothness", "max_iterations"):
                 continue
             is_number = isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(value)
             if not is_number or value < 0 or (value == 0 and name not in ("smoothness", "boundary_weight")):
@@ -107,7 +109,7 @@ class FitOptions:
               took 140 for the scaling and about 150 for the control points (figure 16).
             - ``centered`` False: equation 3 puts the surface at the inner foot of the ramp, about half a ramp inside of
               the edge.
-            - ``tau`` automatic, 2.5 pixels: 2 to 3 suit the paper's MRI.
+            - ``tau`` automatic: 2 to 3 pixels suit the paper's MRI.
             - ``levels`` "organ": one grey level inside and one outside, as A_max and A_min of equation 3.
             - ``smoothness`` 0: there is no bending energy.
             - ``stopping`` "published": the global scaling ends when its parameters vary by less than 0.01, the control

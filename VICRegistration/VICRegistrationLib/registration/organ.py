@@ -16,19 +16,21 @@ from functools import cached_property
 
 import numpy as np
 
+from ..geometry import models
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
+from .automatic import Choice, chosen_beside, fit_in_frame, placed
 from .boundary import checked_boundary_points
 from .correction import correct
-from .correlation import Correlation, SampleGrid
+from .correlation import SampleGrid
 from .nets import closure_of, grid_shape, net_of
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
-from .plan import generic_model, machinery, plan, surface_stages
-from .stages import Step, run_stage
+from .plan import Plan, generic_model, surface_stages
+from .stages import Step, cost_of, run_stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,8 @@ class OrganFit:
         The points that pulled the surface, RAS mm; none without points or with weight 0.
     uncorrected : BSplineSurface
         The surface before the boundary points pulled it: to start from when one of them is taken back.
+    choices : tuple of Choice
+        What was chosen for the net, tau and the smoothness, and why.
     """
 
     surface: BSplineSurface
@@ -70,6 +74,7 @@ class OrganFit:
     options: FitOptions
     boundary_points: np.ndarray
     uncorrected: BSplineSurface
+    choices: tuple[Choice, ...]
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
@@ -149,25 +154,28 @@ def fit_region(
     start = time.perf_counter()
     _check_grid(image, region)
     points = checked_boundary_points(boundary_points)
-    options = _resolved(options or FitOptions(), image, region)
+    options = _resolved(options or FitOptions(), region)
     pose = moments(region)
-    _check_thickness(pose, options)
+    _check_thickness(pose, options.tau or TAU_PIXELS * float(min(image.spacing)))
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
-    model = surface = generic_model(pose, options)
-    closed, grid = machinery(options.net, options.closure)
+    model = generic_model(pose, options.net or models.DEFAULT_NET, options.closure)
     history: list[Step] = []
-    for stage, parametrize in plan(image, region, local_to_ras, closed, options):
-        for step in run_stage(stage, parametrize(surface), grid):
-            surface = step.surface
-            step = replace(step, surface=surface.transformed(local_to_ras))
-            history.append(step)
-            yield step
-    # The model as the last stage sees it, with the levels found at its end: to be compared with the last step's cost.
-    cost = _cost_of(model, stage.correlation(closed.at(surface), grid))
+    steps = fit_in_frame(Plan.of(image, region, local_to_ras, options), model, options)
+    outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)
     uncorrected = history[-1].surface
-    corrected = yield from _corrected(image, uncorrected, points, options)
-    return _result(uncorrected, history, corrected, points, options, region=region, cost_initial=cost, start=start)
+    corrected = yield from _corrected(image, uncorrected, points, outcome.options)
+    return _result(
+        uncorrected,
+        history,
+        corrected,
+        points,
+        outcome.options,
+        region=region,
+        cost_initial=outcome.cost_initial,
+        start=start,
+        choices=outcome.choices,
+    )
 
 
 def refit(
@@ -214,7 +222,7 @@ def refit(
     points = checked_boundary_points(boundary_points)
     closure = closure_of(surface)
     options = replace(options or FitOptions(), closure=closure, net=net_of(surface, closure))
-    options = _resolved(options, image, region)
+    options, choices = chosen_beside(image, surface, _resolved(options, region))
     closed = closed_organ_parametrization(surface, closure=closure)
     grid = SampleGrid.on(surface, grid_shape(options.net))
     coarse, fine, _ = surface_stages(image, surface, points[:0], options)
@@ -225,21 +233,24 @@ def refit(
             reached = step.surface
             history.append(step)
             yield step
-    cost = _cost_of(surface, fine.correlation(closed.at(reached), grid))
+    cost = cost_of(surface, fine.correlation(closed.at(reached), grid))
     corrected = yield from _corrected(image, reached, points, options)
-    return _result(reached, history, corrected, points, options, region=region, cost_initial=cost, start=start)
+    return _result(
+        reached,
+        history,
+        corrected,
+        points,
+        options,
+        region=region,
+        cost_initial=cost,
+        start=start,
+        choices=choices,
+    )
 
 
 def _count(points: np.ndarray, options: FitOptions) -> bool:
     """Whether there are boundary points that count."""
     return len(points) > 0 and options.boundary_weight > 0.0
-
-
-def _cost_of(surface: BSplineSurface, correlation: Correlation) -> float:
-    """Cost of a surface as a correlation sees it, with the levels found along the surface from which that starts."""
-    closed = correlation.parametrization
-    correlation.refresh(np.zeros(closed.n_dof))
-    return correlation.sample(closed.fit(surface.control_net)).cost
 
 
 def _corrected(
@@ -256,7 +267,7 @@ def _corrected(
     return steps
 
 
-def _result(uncorrected, history, correction, points, options, *, region, cost_initial, start) -> OrganFit:
+def _result(uncorrected, history, correction, points, options, *, region, cost_initial, start, choices) -> OrganFit:
     """Put together what came out."""
     steps = (*history, *correction)
     surface = steps[-1].surface
@@ -271,6 +282,7 @@ def _result(uncorrected, history, correction, points, options, *, region, cost_i
         options=replace(options, net=net_of(surface, options.closure)),
         boundary_points=points if _count(points, options) else points[:0],
         uncorrected=uncorrected,
+        choices=choices,
     )
 
 
@@ -286,24 +298,23 @@ def _check_grid(image: Image, region: Region) -> None:
         raise ValueError(msg)
 
 
-def _check_thickness(pose: Moments, options: FitOptions) -> None:
+def _check_thickness(pose: Moments, tau: float) -> None:
     """Refuse an organ thinner than the edge that is looked for."""
     # Half of the shortest axis of the ellipsoid with the region's moments.
     half_thickness = np.sqrt(5.0) * float(pose.extents.min())
-    if half_thickness < options.tau:
+    if half_thickness < tau:
         msg = (
-            f"The region is about {2.0 * half_thickness:.2g} mm thick; an edge of {options.tau:.2g} mm is sought on "
+            f"The region is about {2.0 * half_thickness:.2g} mm thick; an edge of {tau:.2g} mm is sought on "
             "each side. Check the thresholds and the erosion, or take a finer image or a smaller tau."
         )
         raise ValueError(msg)
 
 
-def _resolved(options: FitOptions, image: Image, region: Region | None) -> FitOptions:
-    """Fill in the automatic choices."""
+def _resolved(options: FitOptions, region: Region | None) -> FitOptions:
+    """Fill in the automatic choices that need no look at the image."""
     return replace(
         options,
         threshold=options.threshold if region is None else region.threshold,
-        tau=options.tau or TAU_PIXELS * float(min(image.spacing)),
         max_iterations=options.max_iterations or MAX_ITERATIONS[options.solver],
     )
 

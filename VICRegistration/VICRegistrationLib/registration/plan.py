@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from ..geometry import models
-from ..geometry.parametrization import Parametrization, affine
+from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
@@ -18,8 +17,8 @@ from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
 from .correlation import SampleGrid
 from .levels import PROBE_DEPTHS, Levels
-from .nets import grid_shape
-from .options import FitOptions
+from .nets import grid_shape, halved, net_of
+from .options import MOST_TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
 from .stages import Stage
 
@@ -40,56 +39,115 @@ REGION_COST_TOLERANCE = 2e-2
 BOUNDARY_TOLERANCE = 0.02
 
 
-def generic_model(pose: Moments, options: FitOptions) -> BSplineSurface:
+def generic_model(pose: Moments, net: tuple[int, int], closure: str) -> BSplineSurface:
     """Make an ellipsoid with the region's moments, in the organ's frame, poles at both ends of its longest axis."""
     # A solid ellipsoid's semi-axis is sqrt(5) times the standard deviation along it.
     longest, middle, shortest = np.sqrt(5.0) * pose.extents
     axes = np.array([[0.0, middle, 0.0], [0.0, 0.0, shortest], [longest, 0.0, 0.0]])
-    return models.closed_organ(options.net, closure=options.closure, axes=axes)
+    return models.closed_organ(net, closure=closure, axes=axes)
 
 
 @lru_cache(maxsize=8)
-def machinery(net: tuple[int, int], closure: str) -> tuple[Parametrization, SampleGrid]:
+def machinery(net: tuple[int, int], closure: str, halvings: int = 0) -> tuple[Parametrization, SampleGrid]:
     """Make what depends on the net alone: its degrees of freedom and its sample grid.
 
-    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all.
+    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all, and
+    one for each time that their spans are halved.
     """
     model = models.closed_organ(net, closure=closure)
-    return closed_organ_parametrization(model, closure=closure), SampleGrid.on(model, grid_shape(net))
+    for _ in range(halvings):
+        model = halved(model)
+    grid = SampleGrid.on(model, grid_shape(net_of(model, closure)))
+    return closed_organ_parametrization(model, closure=closure), grid
 
 
-def plan(
-    image: Image, region: Region, local_to_ras: np.ndarray, closed: Parametrization, options: FitOptions
-) -> Iterator[tuple[Stage, Callable[[BSplineSurface], Parametrization]]]:
-    """Plan the stages, each with the parametrization it makes of the surface that reaches it."""
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What the stages of one organ are made of, in the organ's frame.
 
-    def scaling(surface: BSplineSurface) -> Parametrization:
-        return affine(surface, free="scaling", center=np.zeros(3))
+    Parameters
+    ----------
+    target : RegionImage
+        The separated region.
+    sampler : Sampler
+        The grey levels around it.
+    inside, outside : float
+        Typical grey levels on both sides of the region's boundary.
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel, mm.
+    """
 
-    patience, patience_cost = _patience(options)
-    common = {"solver": options.solver, "max_iterations": options.max_iterations}
-    target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
-    far = {
-        "sampler": Sampler(target.distance),
-        "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
-        "ramp": "linear",
-        "n_depths": 3,
-        "cost_tolerance": patience_cost * REGION_COST_TOLERANCE,
-        "sliding": SLIDING,
-        **common,
-    }
-    yield Stage("global scaling", stop_rule="parameters", reach=0.15, **far), scaling
-    tolerance = patience * 3.0 * options.tolerance
-    yield Stage("region", reach=0.02, bending=REGION_BENDING, tolerance=tolerance, **far), closed.at
-    sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
-    inside, outside = _starting_levels(target, sampler, options)
-    voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
-    for stage in grey_level_stages(sampler, inside, outside, voxel, options):
-        yield stage, closed.at
+    target: RegionImage
+    sampler: Sampler
+    inside: float
+    outside: float
+    voxel: np.ndarray
+
+    @classmethod
+    def of(cls, image: Image, region: Region, local_to_ras: np.ndarray, options: FitOptions) -> Plan:
+        """Look at an organ.
+
+        Parameters
+        ----------
+        image : Image
+        region : Region
+        local_to_ras : (4, 4) ndarray
+            Rigid frame of the organ.
+        options : FitOptions
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        ValueError
+            If the region is too thin, or has no surroundings.
+        """
+        widest = options.tau or MOST_TAU_PIXELS * float(min(image.spacing))
+        target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
+        sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * widest))
+        inside, outside = _starting_levels(target, sampler, widest, options)
+        voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
+        return cls(target, sampler, inside, outside, voxel)
+
+    @property
+    def pixel(self) -> float:
+        """Finest voxel spacing, mm."""
+        return float(np.linalg.norm(self.voxel, axis=0).min())
+
+    def region_stages(self, options: FitOptions) -> tuple[Stage, Stage]:
+        """Plan the stages on the region: global scaling, and local registration."""
+        patience, patience_cost = _patience(options)
+        target = self.target
+        far = {
+            "sampler": Sampler(target.distance),
+            "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
+            "ramp": "linear",
+            "n_depths": 3,
+            "cost_tolerance": patience_cost * REGION_COST_TOLERANCE,
+            "sliding": SLIDING,
+            "solver": options.solver,
+            "max_iterations": options.max_iterations,
+        }
+        scaling = Stage("global scaling", stop_rule="parameters", reach=0.15, **far)
+        tolerance = patience * 3.0 * options.tolerance
+        bending = 0.0 if options.smoothness == 0.0 else REGION_BENDING
+        return scaling, Stage("region", reach=0.02, bending=bending, tolerance=tolerance, **far)
+
+    def grey_level_stages(self, options: FitOptions, *, anchor: float | None = None) -> tuple[Stage, Stage]:
+        """Plan the stages on the grey levels, coarse and fine, for options with `tau` and `smoothness`."""
+        return grey_level_stages(self.sampler, self.inside, self.outside, self.voxel, options, anchor=anchor)
 
 
 def grey_level_stages(
-    sampler: Sampler, inside: float, outside: float, voxel: np.ndarray, options: FitOptions
+    sampler: Sampler,
+    inside: float,
+    outside: float,
+    voxel: np.ndarray,
+    options: FitOptions,
+    *,
+    anchor: float | None = None,
 ) -> tuple[Stage, Stage]:
     """Plan the stages on the grey levels, coarse and fine.
 
@@ -103,6 +161,8 @@ def grey_level_stages(
         Columns are the edges of a voxel in that frame, mm.
     options : FitOptions
         With automatic choices filled in.
+    anchor : float, optional
+        Weight against leaving the surface that a stage begins with; a usual one if not given.
 
     Returns
     -------
@@ -119,7 +179,7 @@ def grey_level_stages(
             n_depths=5,
             bending=options.smoothness,
             sliding=SLIDING,
-            anchor=ANCHOR,
+            anchor=ANCHOR if anchor is None else anchor,
             tolerance=patience * loosening * options.tolerance,
             cost_tolerance=patience_cost * loosening * COST_TOLERANCE,
             solver=options.solver,
@@ -155,7 +215,7 @@ def surface_stages(
         If the surface lies outside of the volume.
     """
     sampler = Sampler(
-        _crop_around(image, np.concatenate([surface.control_net.reshape(-1, 3), points]), 4.0 * options.tau)
+        crop_around(image, np.concatenate([surface.control_net.reshape(-1, 3), points]), 4.0 * options.tau)
     )
     inside, outside = _levels_beside(surface, sampler, options)
     coarse, fine = grey_level_stages(sampler, inside, outside, image.ijk_to_ras[:3, :3], options)
@@ -163,7 +223,7 @@ def surface_stages(
     return coarse, fine, replace(fine, name="boundary points", **rules)
 
 
-def _crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
+def crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
     """Cut out the image around points, (n, 3) RAS mm."""
     reach = margin / image.spacing
     ijk = image.to_ijk(points)
@@ -208,10 +268,10 @@ def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margi
     return Image(crop.array, np.linalg.inv(local_to_ras) @ crop.ijk_to_ras)
 
 
-def _starting_levels(target: RegionImage, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+def _starting_levels(target: RegionImage, sampler: Sampler, reach: float, options: FitOptions) -> tuple[float, float]:
     """Find typical grey levels inside the region and just outside of it; given levels where the user gave them."""
     distance = target.distance
-    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * options.tau)
+    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * reach)
     values, valid = sampler.values(distance.to_ras(np.column_stack([i, j, k])))
     away = distance.array[k, j, i]
     inside = values[valid & (away < 0.0)]

@@ -178,6 +178,13 @@ def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate,
             return
 
 
+def cost_of(surface: BSplineSurface, correlation: Correlation) -> float:
+    """Cost of a surface as a correlation sees it, with the levels found along the surface from which that starts."""
+    closed = correlation.parametrization
+    correlation.refresh(np.zeros(closed.n_dof))
+    return correlation.sample(closed.fit(surface.control_net)).cost
+
+
 def _stopped_by(stage: Stage, iterate: Iterate) -> str:
     """Why a stage ends with this iterate, or nothing."""
     moved = iterate.displacement if stage.stop_rule == "displacement" else iterate.change
