@@ -33,15 +33,15 @@ def confidence_map(mesh: TriangleMesh, deviations: np.ndarray):
     RuntimeError
         If matplotlib is not installed.
     """
-    figure = blank_figure((13.0, 6.2))
+    figure = blank_figure((11.0, 4.8))
     limit = colour_limit(deviations)
     shown = np.minimum(deviations, limit)
-    draw_sides(figure, (0.01, 0.50, 0.98, 0.45), mesh, shown, limits=(0.0, limit), colour_map=COLOUR_MAP)
+    draw_sides(figure, (0.01, 0.50, 0.98, 0.445), mesh, shown, limits=(0.0, limit), colour_map=COLOUR_MAP)
     label = "standard deviation of the surface along its normal, mm"
     extend = "max" if deviations.max() > limit else "neither"
     place = (0.25, 0.455, 0.50, 0.024)
     draw_colour_bar(figure, place, limits=(0.0, limit), colour_map=COLOUR_MAP, label=label, extend=extend)
-    _draw_histogram(figure.add_axes((0.17, 0.085, 0.66, 0.24)), *values_and_areas(mesh, deviations), limit)
+    _draw_histogram(figure.add_axes((0.17, 0.10, 0.66, 0.22)), *values_and_areas(mesh, deviations), limit)
     return figure
 
 
@@ -98,6 +98,6 @@ def _draw_histogram(axes, values: np.ndarray, areas: np.ndarray, limit: float) -
     axes.bar((edges[1:] + edges[:-1]) / 2.0, shares, np.diff(edges), color=colours)
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("standard deviation, mm", color=_TEXT_COLOUR)
-    axes.set_ylabel("share of the area, %", color=_TEXT_COLOUR)
+    axes.set_ylabel("area, %", color=_TEXT_COLOUR)
     for spine in ("top", "right"):
         axes.spines[spine].set_visible(False)

@@ -91,9 +91,9 @@ def deviation_map(mesh: TriangleMesh, distances: np.ndarray, comparison: Compari
     RuntimeError
         If matplotlib is not installed.
     """
-    figure = blank_figure((13.0, 6.2))
-    limit = _draw_map(figure, mesh, distances, sides=(0.50, 0.45), bar=(0.455, 0.024))
-    _draw_histogram(figure.add_axes((0.17, 0.085, 0.66, 0.24)), comparison, limit)
+    figure = blank_figure((11.0, 4.8))
+    limit = _draw_map(figure, mesh, distances, sides=(0.50, 0.445), bar=(0.455, 0.024))
+    _draw_histogram(figure.add_axes((0.17, 0.10, 0.66, 0.22)), comparison, limit)
     return figure
 
 
@@ -145,7 +145,7 @@ def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
     axes.axvline(0.0, color="#9aa1ac", linewidth=0.8)
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("signed distance, mm", color=_TEXT_COLOUR)
-    axes.set_ylabel("share of the area, %", color=_TEXT_COLOUR)
+    axes.set_ylabel("area, %", color=_TEXT_COLOUR)
     axes.margins(y=0.25)
     handles = {Patch(color="#c3c9d3"): "from the fitted surface", line: "from the reference"}
     axes.legend(list(handles), list(handles.values()), fontsize=8.5, frameon=False, loc="upper left")

@@ -90,29 +90,27 @@ def write_page(
         If matplotlib is not installed.
     """
     several = len(organs) > 1
-    names = [REPORT, *([OVERVIEW] if several else []), *([ASSEMBLY] if ASSEMBLY in solids else [])]
     page = report_html(
-        [_reported(organ, image, compared.get(organ.name), solids) for organ in organs],
+        [_reported(organ, image, compared.get(organ.name)) for organ in organs],
         image,
         source,
         program=f"vic-registration {__version__}",
         date=datetime.now().astimezone(),
         overview=indexed_png((folder / OVERVIEW).read_bytes()) if several else None,
         gaps=_gaps(organs) if several else (),
-        files=[(name, _COMMON_PURPOSES[name]) for name in names],
+        files=_files([organ.name for organ in organs], solids),
     )
     with replacing(folder / PAGE) as draft:
         draft.write_text(page, encoding="utf-8")
 
 
-def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None, solids: Sequence[str]) -> ReportedOrgan:
+def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None) -> ReportedOrgan:
     fit = organ.fit
     compared = reference = None
     if found is not None:
         compared = Compared(found.against, found.comparison, found.mesh, found.distances)
         reference = found.read.reference
     about_reference = [] if found is None else [f"The comparison {warning}." for warning in found.warnings]
-    files = organ_files(organ.name, pictures=True, solid=f"{organ.name}.step" in solids)
     return ReportedOrgan(
         name=organ.name,
         fit=fit,
@@ -121,10 +119,17 @@ def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None, sol
         asked=_asked(organ.asked),
         seconds=organ.seconds,
         warnings=[*warnings_about(image, fit), *about_reference],
-        files=[(name, _PURPOSES[name[len(organ.name) :]]) for name in files],
         percentiles=confidence_percentiles(fit),
         compared=compared,
     )
+
+
+def _files(names: Sequence[str], solids: Sequence[str]) -> list[tuple[list[str], str]]:
+    """Files of the run with what they are for, those of one kind together."""
+    files = [file for name in names for file in organ_files(name, pictures=True, solid=f"{name}.step" in solids)]
+    kinds = [([name + ending for name in names if name + ending in files], use) for ending, use in _PURPOSES.items()]
+    common = [REPORT, *([OVERVIEW] if len(names) > 1 else []), *([ASSEMBLY] if ASSEMBLY in solids else [])]
+    return [*((kind, use) for kind, use in kinds if kind), *(([name], _COMMON_PURPOSES[name]) for name in common)]
 
 
 def _asked(options: FitOptions | None) -> list[str]:

@@ -85,8 +85,6 @@ class ReportedOrgan:
         From the seeds to the surface.
     warnings : sequence of str
         What to look at before the surface is used, a sentence each.
-    files : sequence of (name, purpose)
-        Written beside the report.
     percentiles : sequence of (percent, mm)
         Standard deviations that shares of the area stay below, if the confidence is known.
     compared : Compared, optional
@@ -100,7 +98,6 @@ class ReportedOrgan:
     asked: Sequence[str]
     seconds: float
     warnings: Sequence[str] = ()
-    files: Sequence[tuple[str, str]] = ()
     percentiles: Sequence[tuple[float, float]] = ()
     compared: Compared | None = None
 

@@ -45,14 +45,14 @@ def organ_figures(
         If matplotlib is not installed.
     """
     surfaces, contours = shown_organ(fit, organ_colours([name])[name], reference)
-    slices = blank_figure((13.0, 4.3))
+    slices = blank_figure((11.0, 3.58))
     region = None if fit.region is None else fit.region.image
-    draw_slices(slices, (0.02, 0.96), image, surfaces, contours, region=region)
-    sides = blank_figure((13.0, 4.6))
+    draw_slices(slices, (0.015, 0.97), image, surfaces, contours, region=region)
+    sides = blank_figure((11.0, 3.6))
     for number, viewer in enumerate((VIEWERS[0], _OTHER_SIDE)):
         draw_scene(sides.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.98)), surfaces, viewer)
-    convergence = blank_figure((11.0, 3.6))
-    draw_convergence(convergence.add_axes((0.08, 0.15, 0.90, 0.75)), fit)
+    convergence = blank_figure((11.0, 3.3))
+    draw_convergence(convergence.add_axes((0.08, 0.16, 0.90, 0.73)), fit)
     confidence = getattr(fit, "confidence", None)
     deviations = None if confidence is None else confidence_map(*_with_deviations(surfaces[0].mesh, confidence))
     distances = None if compared is None else deviation_map(compared.mesh, compared.distances, compared.comparison)

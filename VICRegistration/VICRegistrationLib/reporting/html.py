@@ -7,6 +7,8 @@ import html
 import re
 from collections.abc import Sequence
 
+# Letters of a cell that is not broken into lines.
+_ONE_LINE = 24
 _VOID = ("img", "meta")
 # Letters that HTML does not allow, and halves of letters, which file names may hold and UTF-8 may not.
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
@@ -88,13 +90,18 @@ def table(titles: Sequence[object], rows: Sequence[Sequence[object]], *, caption
     """
     head = element("thead", element("tr", *(element("th", title, scope="col") for title in titles)))
     body = (
-        element("tr", element("th", first, scope="row"), *(element("td", cell) for cell in cells))
-        for first, *cells in rows
+        element("tr", element("th", first, scope="row"), *(_cell(cell) for cell in cells)) for first, *cells in rows
     )
     content = [element("caption", caption)] if caption else []
     content += [head] if titles else []
     # Wide tables scroll by themselves on a narrow screen.
     return element("div", element("table", *content, element("tbody", *body)), class_="table")
+
+
+def _cell(content: object) -> Html:
+    """Cell of a table; what is no sentence stays on one line."""
+    short = not isinstance(content, Html) and len(str(content)) <= _ONE_LINE
+    return element("td", content, class_="number") if short else element("td", content)
 
 
 def items(sentences: Sequence[object]) -> Html:

@@ -33,7 +33,7 @@ def organ_section(organ: ReportedOrgan, anchor: str) -> Html:
     Html
     """
     parts = (_warnings(organ), _result(organ), _slices(organ), _sides(organ), _confidence(organ))
-    parts += (_deviation(organ.compared, organ), _convergence(organ), _inputs(organ), _choices(organ), _files(organ))
+    parts += (_deviation(organ.compared, organ), _convergence(organ), _inputs(organ), _choices(organ))
     return element("section", element("h2", organ.name, id=anchor), *parts, class_="organ", aria_labelledby=anchor)
 
 
@@ -136,21 +136,22 @@ def _sides(organ: ReportedOrgan) -> Html:
 def _confidence(organ: ReportedOrgan) -> Html:
     if organ.confidence is None or organ.figures.confidence is None:
         return Html()
-    told = [f"{_percentile_word(percent)} {value:.2f} mm" for percent, value in organ.percentiles]
-    alt = f"{organ.name} from four sides, coloured by the standard deviation of the surface; {', '.join(told)}."
+    told = [(_percentile_word(percent), f"{value:.2f} mm") for percent, value in organ.percentiles]
+    alt = f"{organ.name} from four sides, coloured by the standard deviation of the surface; the table has the numbers."
     picture = png_picture(
         organ.figures.confidence,
         alt=alt,
         caption="How sure the fitted surface is of its place: the standard deviation along its normal. Yellow places "
         "are the least sure; compare the contour with the image there.",
     )
-    rows = [(_percentile_word(percent), f"{value:.2f} mm") for percent, value in organ.percentiles]
-    rows.append(("area that follows no edge", percent_text(organ.confidence.unsupported_share)))
-    return joined(_together("Confidence", picture), table((), rows))
+    titles = ("", *(word for word, _ in told), "follows no edge")
+    unsupported = f"{percent_text(organ.confidence.unsupported_share)} of the area"
+    row = ("standard deviation", *(value for _, value in told), unsupported)
+    return _together("Confidence", picture, table(titles, [row]))
 
 
 def _percentile_word(percent: float) -> str:
-    return {50.0: "median", 100.0: "largest"}.get(percent, f"{percent:g} % of the area below")
+    return {50.0: "median", 100.0: "largest"}.get(percent, f"{percent:g} % below")
 
 
 def _deviation(compared: Compared | None, organ: ReportedOrgan) -> Html:
@@ -161,26 +162,28 @@ def _deviation(compared: Compared | None, organ: ReportedOrgan) -> Html:
         f"{organ.name} from four sides, coloured by its distance from the reference; mean "
         f"{found.to_reference.mean:.2f} mm, largest {found.to_reference.maximum:.2f} mm."
     )
-    caption = "Red lies outside of the reference, blue inside. The last bars hold all that lies beyond the colours."
+    caption = (
+        "Red lies outside of the reference, blue inside. The last bars hold all that lies beyond the colours. Dice of "
+        "both areas within a tolerance, Dice of both volumes, the largest distance, and the volumes are below."
+    )
     picture = png_picture(organ.figures.deviation, alt=alt, caption=caption)
     against = element("p", "Reference: ", element("code", compared.against))
     heading = element("h3", "Deviation from the reference")
-    return joined(element("div", heading, against, picture, class_="together"), _deviation_tables(compared))
+    return element("div", heading, against, picture, *_deviation_tables(compared), class_="together")
 
 
-def _deviation_tables(compared: Compared) -> Html:
+def _deviation_tables(compared: Compared) -> tuple[Html, Html]:
     found = compared.comparison
     ways = (("reference to surface", found.to_surface), ("surface to reference", found.to_reference))
     titles = ("mm", "mean", "standard deviation", "RMS", "median", "95 %", "largest", "mean with sign")
     keys = ("mean", "std", "rms", "median", "p95", "maximum")
     rows = [(way, *(f"{getattr(each, key):.2f}" for key in keys), f"{each.mean_signed:+.2f}") for way, each in ways]
-    common = [
-        *((f"Surface Dice at {tolerance:g} mm", f"{share:.3f}") for tolerance, share in found.surface_dice),
-        ("Volume Dice", f"{found.volume_dice:.3f}"),
-        ("Hausdorff distance", f"{found.hausdorff:.2f} mm"),
-        ("Volume of the reference", f"{found.reference_ml:.1f} ml (fitted {found.volume_difference_ml:+.1f} ml)"),
-    ]
-    return joined(table(titles, rows), table((), common))
+    others = [f"Dice {tolerance:g} mm" for tolerance, _ in found.surface_dice]
+    others += ["volume Dice", "Hausdorff", "reference", "fitted"]
+    shares = [f"{share:.3f}" for _, share in (*found.surface_dice, ("", found.volume_dice))]
+    volumes = (f"{found.reference_ml:.1f} ml", f"{found.volume_difference_ml:+.1f} ml")
+    row = ("both ways", *shares, f"{found.hausdorff:.2f} mm", *volumes)
+    return table(titles, rows), table(("", *others), [row])
 
 
 def _convergence(organ: ReportedOrgan) -> Html:
@@ -191,7 +194,7 @@ def _convergence(organ: ReportedOrgan) -> Html:
         end = _ENDS.get(steps[-1].stopped_by, steps[-1].stopped_by)
         rows.append((stage, len(steps), f"{steps[0].cost:.3g}", f"{steps[-1].cost:.3g}", end))
     alt = f"Cost against iteration for the {len(rows)} stages of the fit of {organ.name}; the table has the numbers."
-    caption = "Each stage has an image and a cost of its own; they are not to be compared with one another."
+    caption = "Cost of every iteration; those of different stages are not to be compared with one another."
     picture = png_picture(organ.figures.convergence, alt=alt, caption=caption)
     titles = ("stage", "iterations", "cost, first", "cost, last", "how it ended")
     return joined(_together("Convergence", picture), table(titles, rows))
@@ -229,13 +232,6 @@ def _choices(organ: ReportedOrgan) -> Html:
         return Html()
     rows = [(choice.option, choice.value, choice.reason) for choice in organ.choices]
     return _together("What was chosen and why", table(("option", "value", "reason"), rows))
-
-
-def _files(organ: ReportedOrgan) -> Html:
-    if not organ.files:
-        return Html()
-    rows = [(element("code", name), purpose) for name, purpose in organ.files]
-    return _together("Files beside this report", table(("file", "what it is for"), rows))
 
 
 def _together(title: str, *content: Html) -> Html:

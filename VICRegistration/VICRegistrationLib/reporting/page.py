@@ -31,7 +31,7 @@ def report_html(
     date: datetime,
     overview: bytes | None = None,
     gaps: Sequence[str] = (),
-    files: Sequence[tuple[str, str]] = (),
+    files: Sequence[tuple[Sequence[str], str]] = (),
 ) -> str:
     """Write the report of a fit: one file that needs no other, for screens and for paper.
 
@@ -50,8 +50,8 @@ def report_html(
         Picture of all organs, a PNG file.
     gaps : sequence of str
         How the organs lie to each other, a sentence each.
-    files : sequence of (name, purpose)
-        Files beside the report that are about all organs.
+    files : sequence of (names, purpose)
+        Files beside the report.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def _overview(organs: Sequence[ReportedOrgan], overview: bytes | None, gaps: Seq
         parts.append(png_picture(overview, alt=alt, caption="Contours and surfaces of all organs."))
     if gaps:
         parts.append(element("div", element("h3", "Between the organs"), items(gaps), class_="together"))
-    return element("section", *parts)
+    return element("section", *parts, class_="overview")
 
 
 def _overview_row(organ: ReportedOrgan, anchor: str, with_confidence: bool) -> tuple:
@@ -137,7 +137,7 @@ def _image(image: Image, source: Source) -> Html:
         ("Field of view", " x ".join(f"{length:.4g}" for length in image.size * image.spacing) + " mm"),
         ("Orientation", orientation_text(image)),
     ]
-    return element("section", element("h2", "Image"), table((), rows))
+    return element("section", element("h2", "Image"), table((), rows), class_="together")
 
 
 def orientation_text(image: Image) -> str:
@@ -165,8 +165,8 @@ def orientation_text(image: Image) -> str:
     return f"{_PLANES[worlds[along]]} slices; {runs}{oblique}"
 
 
-def _files(files: Sequence[tuple[str, str]]) -> Html:
+def _files(files: Sequence[tuple[Sequence[str], str]]) -> Html:
     if not files:
         return Html()
-    rows = [(element("code", name), purpose) for name, purpose in files]
-    return element("section", element("h2", "Files of all organs"), table(("file", "what it is for"), rows))
+    rows = [(element("code", ", ".join(names)), purpose) for names, purpose in files]
+    return element("section", element("h2", "Files beside this report"), table(("files", "what they are for"), rows))
