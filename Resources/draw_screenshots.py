@@ -1,4 +1,4 @@
-"""Draw the README's pictures of Slicer's views: an organ separated, three organs fitted, one of them corrected.
+"""Draw the README's pictures of Slicer's views: an organ separated, three fitted, one corrected, three compared.
 
 The scene is filled by the module's own code and drawn by Slicer's displayable managers, but without Slicer: needs the
 package slicer-core, and OpenGL that works off screen. The image is the demo's, with air in the bladder.
@@ -27,6 +27,7 @@ from VICRegistration import VICRegistrationLogic
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.phantom import paint, volume_fractions
 from VICRegistrationLib.mrml.fitting import fitSteps
+from VICRegistrationLib.mrml.surfaces import createModel, showSurface
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import finish
 
@@ -66,6 +67,14 @@ def main() -> None:
     print(f"bladder corrected: {bladder.volumeMl:.1f} ml, {np.abs(left).max():.2f} mm from the boundary points")
     views.draw("corrected", front - (0, AIR_MM / 2, 0), 100.0, middle=bladder_center)
 
+    bladder.boundaryPoints.GetDisplayNode().SetVisibility(False)
+    for organ in (bladder, *others):
+        found = logic.compare(organ, add_truth(phantom.surfaces[organ.label], organ.label))
+        print(f"{organ.label}: {found.to_surface.mean:.2f} mm from the truth, Hausdorff {found.hausdorff:.2f} mm")
+        # As in the panel after a fit: the contour is not to lie under the region.
+        organ.regions.GetDisplayNode().SetVisibility(False)
+    views.draw("compared", (front[0], *bladder_center[1:]), 150.0, middle=all_organs)
+
 
 def with_air_in_the_bladder(phantom, level):
     """Return the phantom with air in front of a level (mm along A) in the bladder, as after a catheter."""
@@ -86,6 +95,14 @@ def add_volume(image):
     volume = slicer.util.addVolumeFromArray(image.array, ijkToRAS=image.ijk_to_ras, name="MRI")
     volume.CreateDefaultDisplayNodes()
     return volume
+
+
+def add_truth(surface, name):
+    """Put the true surface of an organ into the scene, unseen."""
+    node = createModel(f"{name} truth", (1.0, 1.0, 1.0))
+    showSurface(node, surface, name=name)
+    node.GetDisplayNode().SetVisibility(False)
+    return node
 
 
 def clicks_on(wall, front):

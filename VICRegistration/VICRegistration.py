@@ -16,7 +16,7 @@ from slicer.ScriptedLoadableModule import (
 )
 from slicer.util import VTKObservationMixin
 
-from VICRegistrationLib.mrml import fitting, samples, surfaces, volumes
+from VICRegistrationLib.mrml import colors, comparing, fitting, references, samples, surfaces, volumes
 from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf, modelOf, seedsOf, volumeOf
 from VICRegistrationLib.mrml.organs import Organs
 from VICRegistrationLib.mrml.parameters import ModuleParameters, RegionSource
@@ -270,6 +270,47 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         volumeNode = volumeOf(organ) or self.getParameterNode().volume
         volumes.imageFromVolume(volumeNode)
         surfaces.showSurface(modelOf(organ, volumeNode), surface, name=organ.label)
+
+    def compare(self, organ, reference, segment=None, *, patient=None):
+        """Compare the surface of an organ with a reference, colour it, and write a row into the table of comparisons.
+
+        Parameters
+        ----------
+        organ : VICRegistrationLib.mrml.parameters.OrganParameters
+        reference : vtkMRMLSegmentationNode or vtkMRMLModelNode
+        segment : str, optional
+            ID or name of the segment; not needed if there is only one.
+        patient : str, optional
+            That of the volume if not given.
+
+        Returns
+        -------
+        VICRegistrationLib.analysis.comparison.Comparison
+
+        Raises
+        ------
+        ValueError
+            If they cannot be compared; nothing is changed then.
+        """
+        volumeNode = volumeOf(organ) or self.getParameterNode().volume
+        segmentId = references.segmentIdOf(reference, segment)
+        return comparing.compareOrgan(organ, volumeNode, reference, segmentId, patient=patient)
+
+    def color(self, organ, name=None):
+        """Colour the surface of an organ, with a legend.
+
+        Parameters
+        ----------
+        organ : VICRegistrationLib.mrml.parameters.OrganParameters
+        name : str, optional
+            "Deviation (mm)" or "Standard deviation (mm)"; the organ's own colour if not given.
+
+        Raises
+        ------
+        ValueError
+            If the surface does not have that.
+        """
+        colors.colorBy(organ.surface, name)
 
     @contextlib.contextmanager
     def _added(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, dilation=None, segment=None):

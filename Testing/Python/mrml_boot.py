@@ -37,6 +37,12 @@ LISTED = (
     "vtkMRMLTextNode",
 )
 
+COLOURS = {
+    "GenericColors": ((0.0, 0.5, 1.0), (1.0, 0.5, 0.0)),
+    "Viridis": ((0.27, 0.0, 0.33), (0.23, 0.32, 0.55), (0.13, 0.57, 0.55), (0.37, 0.79, 0.38), (0.99, 0.91, 0.14)),
+    "DivergingBlueRed": ((0.23, 0.30, 0.75), (0.87, 0.87, 0.87), (0.71, 0.02, 0.15)),
+}
+
 
 @dataclass(frozen=True)
 class Mrml:
@@ -133,10 +139,14 @@ def _follow_nodes(scene):
 
 
 def _colour_files(scene):
-    """The two colour tables of Slicer's installation that are referred to by default, with other colours."""
+    """The colour tables of Slicer's installation that are referred to, made of a few of their colours."""
     import slicer
+    import vtk
 
-    for name in ("GenericColors", "Viridis"):
+    for name, colours in COLOURS.items():
+        blended = vtk.vtkColorTransferFunction()
+        for index, colour in enumerate(colours):
+            blended.AddRGBPoint(255 * index / (len(colours) - 1), *colour)
         node = slicer.vtkMRMLColorTableNode()
         node.SetTypeToFile()
         node.SetName(name)
@@ -144,7 +154,7 @@ def _colour_files(scene):
         node.SetSaveWithScene(False)
         node.SetNumberOfColors(256)
         for index in range(256):
-            node.SetColor(index, str(index), index / 255, 0.5, 1 - index / 255, 1.0)
+            node.SetColor(index, str(index), *blended.GetColor(index), 1.0)
         scene.AddNode(node)
 
 

@@ -38,8 +38,13 @@ OTHER_SETTINGS = {
     "maxIterations": 123,
     "boundaryWeight": 0.4,
     "inputSegmentId": "some segment",
+    "referenceKind": "MODEL",
+    "referenceSegmentId": "some other segment",
 }
-NODES = ("seeds", "boundaryPoints", "regions", "surface", "convergence", "plot", "inputSegmentation")
+NODES = (
+    *("seeds", "boundaryPoints", "regions", "surface", "convergence", "plot", "inputSegmentation"),
+    *("referenceSegmentation", "referenceModel"),
+)
 RESULTS = ("label", "source", "threshold", "regionSegmentId", "state", "message", "volumeMl")
 
 
@@ -107,7 +112,8 @@ def test_every_node_comes_back_under_whatever_name(logic, through_a_bundle, rena
     volume = mrml_scenes.add_volume()
     organs = [logic.fit(volume, [CENTER], name=name) for name in ("bladder", "vagina")]
     for organ in organs:
-        organ.inputSegmentation = organ.regions
+        organ.inputSegmentation = organ.referenceSegmentation = organ.regions
+        organ.referenceModel = organs[0].surface
         organ.boundaryPoints.AddControlPointWorld(1.0, 2.0, 3.0)
     if renamed:
         for count, node in enumerate(slicer.util.getNodesByClass("vtkMRMLNode")):

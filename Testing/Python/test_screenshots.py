@@ -167,6 +167,31 @@ def test_the_three_dimensional_view_shows_the_surface_in_its_size(model, draw_3d
     assert width == pytest.approx(28.0 / PIXEL_MM, rel=0.1)
 
 
+def test_a_surface_is_coloured_by_numbers_at_its_points_with_a_legend(model, draw_3d):
+    import slicer
+
+    from VICRegistrationLib.mrml.colors import DEVIATION, addNumbers, colorBy
+
+    plain = draw_3d()
+    heights = slicer.util.arrayFromModelPoints(model)[:, 2] - CENTER[2]
+    addNumbers(model.GetPolyData(), DEVIATION, heights)
+    colorBy(model, DEVIATION)
+    picture = draw_3d()
+    red, blue = picture[..., 0], picture[..., 2]
+    middle = slice(SIZE[0] // 2 - 5, SIZE[0] // 2 + 5)
+    offset = round(15.0 / PIXEL_MM)
+    upper, lower = SIZE[1] // 2 - offset, SIZE[1] // 2 + offset
+    # What is above zero is red, what is below it blue.
+    assert np.all(red[upper, middle] > blue[upper, middle] + 0.1)
+    assert np.all(blue[lower, middle] > red[lower, middle] + 0.1)
+    # The bar of the legend at the right edge has both as well.
+    right = np.s_[:, 3 * SIZE[0] // 4 :]
+    changed = np.abs(picture[right] - plain[right]).max(axis=2) > 0.3
+    assert np.count_nonzero(changed & (red[right] > blue[right] + 0.3)) > 20
+    colorBy(model, None)
+    np.testing.assert_array_equal(draw_3d(), plain)
+
+
 def test_the_patients_right_is_on_the_left_seen_from_the_front(mark, draw_3d):
     mark(np.array([20.0, 0.0, 10.0]))
     picture = draw_3d()

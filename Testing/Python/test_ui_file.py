@@ -35,26 +35,31 @@ INPUTS = (
 # The names that the code of the panel relies on, by class.
 NAMES = {
     "qMRMLWidget": "VICRegistration",
-    "ctkCollapsibleButton": "inputsSection separateSection fitSection correctSection exportSection advancedSection",
-    "qMRMLNodeComboBox": "volumeSelector",
+    "ctkCollapsibleButton": "inputsSection separateSection fitSection correctSection exportSection compareSection "
+    "advancedSection",
+    "qMRMLNodeComboBox": "volumeSelector referenceModelSelector",
     "QTableWidget": "organsTable boundaryTable",
     "QComboBox": "presetCombo sourceCombo closureCombo profileCombo levelsCombo solverCombo stoppingCombo "
-    "exportFormatCombo exportOrgansCombo meshOrderCombo",
+    "exportFormatCombo exportOrgansCombo meshOrderCombo referenceKindCombo colorByCombo",
     "QPushButton": "addOrganButton removeOrganButton suggestButton fitButton fitAllButton cancelButton refitButton "
-    "undoPointButton exportButton cancelExportButton asPublishedButton defaultsButton",
-    "qMRMLSegmentSelectorWidget": "segmentSelector",
+    "undoPointButton exportButton cancelExportButton compareButton copyTableButton asPublishedButton defaultsButton",
+    "qMRMLSegmentSelectorWidget": "segmentSelector referenceSegmentSelector",
     "qSlicerMarkupsPlaceWidget": "seedPlaceWidget boundaryPlaceWidget",
     "ctkRangeWidget": "thresholdRange",
     "ctkSliderWidget": "erosionSlider dilationSlider boundaryWeightSlider tauSlider smoothnessSlider "
     "meshSizeSlider meshWallSlider",
     "QCheckBox": "erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck tauAutomaticCheck",
-    "QLabel": "regionStatusLabel fitStatusLabel correctStatusLabel exportStatusLabel",
+    "QLabel": "regionStatusLabel fitStatusLabel correctStatusLabel exportStatusLabel compareStatusLabel",
+    "QLineEdit": "patientEdit",
     "ctkPathLineEdit": "exportFolderEdit",
     "QProgressBar": "progressBar",
     "QWidget": "plotFrame",
     "QSpinBox": "netRowsSpin netColumnsSpin maxIterationsSpin exportFacesSpin",
     "QDoubleSpinBox": "insideSpin outsideSpin toleranceSpin",
 }
+
+# Those of them that have to be told the scene.
+FOLLOWING = ("qMRMLNodeComboBox", "qMRMLSegmentSelectorWidget", "qSlicerMarkupsPlaceWidget")
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +152,8 @@ def test_the_panel_is_built_from_the_file(recorded, scene, ui):
     names = vars(slicer.util.childWidgetVariables(panel))
     assert set(ui.widgets) <= set(names)
     panel.setMRMLScene(scene)
-    for name in ("volumeSelector", "segmentSelector", "seedPlaceWidget", "boundaryPlaceWidget"):
+    choosers = [name for cls in FOLLOWING for name in NAMES[cls].split()]
+    for name in choosers:
         assert names[name]._scene is scene, name
 
 

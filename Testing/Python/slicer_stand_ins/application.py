@@ -18,7 +18,7 @@ class Application:
     def __init__(self, mrml):
         self._mrml, self._manager, self._files = mrml, ModuleManager(), SceneFiles(mrml)
         self._handlers = {"startupCompleted()": [], "aboutToQuit()": []}
-        self._cursors = []
+        self._cursors, self._clipboard = [], Clipboard()
         self.temporaryPath = str(mrml.temporary)
         self.eventLoop = None
 
@@ -63,6 +63,9 @@ class Application:
     def translate(self, context, text):
         return text
 
+    def clipboard(self):
+        return self._clipboard
+
     def pauseRender(self):
         """There are no views to stop."""
 
@@ -74,6 +77,22 @@ class Application:
 
     def restoreOverrideCursor(self):
         self._cursors.pop()
+
+
+class Clipboard:
+    """Text that was copied."""
+
+    def __init__(self):
+        self._text = ""
+
+    def setText(self, text):
+        if not isinstance(text, str):
+            msg = f"QClipboard.setText takes a text, not {text!r}"
+            raise ValueError(msg)
+        self._text = text
+
+    def text(self):
+        return self._text
 
 
 class ModuleManager:

@@ -12,6 +12,7 @@ from ..mrml.organs import Organs
 from ..mrml.volumes import showInSlices
 from .advanced_section import AdvancedSection
 from .binding import Binding
+from .compare_section import CompareSection
 from .correct_section import CorrectSection
 from .export_section import ExportSection
 from .fit_section import FitSection
@@ -39,6 +40,7 @@ class Panel(VTKObservationMixin):
         self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
+        self.compareSection = CompareSection(ui)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
 
@@ -68,7 +70,7 @@ class Panel(VTKObservationMixin):
         self._volumeBinding.release()
         self.removeObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
         self._followOrgan(None, None)
-        for section in (self.separateSection, self.correctSection):
+        for section in (self.separateSection, self.correctSection, self.compareSection):
             section.setOrgan(None, None)
         self.advancedSection.setOrgan(None)
         self.table.show(None)
@@ -131,6 +133,7 @@ class Panel(VTKObservationMixin):
         self.fitSection.refresh(ready=ready)
         self.correctSection.refresh(busy=self.fitSection.running)
         self.exportSection.show(list(self.organs), self._organ)
+        self.compareSection.refresh(busy=self.fitSection.running)
         self.advancedSection.refresh()
         self.ui.addOrganButton.enabled = self._volume is not None
 
@@ -150,6 +153,7 @@ class Panel(VTKObservationMixin):
         self._followOrgan(None, None)
         self.separateSection.setOrgan(organ, volume)
         self.correctSection.setOrgan(organ, volume)
+        self.compareSection.setOrgan(organ, volume)
         self.advancedSection.setOrgan(organ)
         self.fitSection.setOrgan(organ)
         self._followOrgan(organ, volume)

@@ -16,6 +16,7 @@ from ..mrml.organ_nodes import seedsOf
 from ..mrml.parameters import RegionSource
 from ..mrml.points import markedPoints, placingEvents
 from .binding import Binding
+from .segment_choice import SegmentChoice
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
 _DELAY_MS = 30
@@ -43,8 +44,7 @@ class SeparateSection(VTKObservationMixin):
         ui.thresholdRange.connect("valuesChanged(double,double)", self._thresholdMoved)
         ui.suggestButton.connect("clicked()", self._suggest)
         ui.previewCheck.connect("toggled(bool)", self._showRegion)
-        ui.segmentSelector.connect("currentNodeChanged(vtkMRMLNode*)", self._segmentChosen)
-        ui.segmentSelector.connect("currentSegmentChanged(QString)", self._segmentChosen)
+        self._segment = SegmentChoice(ui.segmentSelector, "inputSegmentation", "inputSegmentId")
 
     @property
     def isWaiting(self):
@@ -80,6 +80,7 @@ class SeparateSection(VTKObservationMixin):
         """Let go of the organ and its nodes."""
         self._timer.stop()
         self.removeObservers()
+        self._segment.show(None)
         if self._binding is not None:
             self._binding.release()
         self._organ = self._volume = self._binding = self._settings = self._range = None
@@ -109,7 +110,7 @@ class SeparateSection(VTKObservationMixin):
         ui.dilationSlider.enabled = fromSeeds and not organ.dilationAutomatic
         ui.segmentSelector.enabled = not fromSeeds
         self._showThreshold()
-        self._showSegment()
+        self._segment.show(organ)
         self._showVisibility()
         settings = self._currentSettings()
         if settings != self._settings:
@@ -207,29 +208,6 @@ class SeparateSection(VTKObservationMixin):
             widget.setValues(threshold.minimum, threshold.maximum)
         finally:
             widget.blockSignals(blocked)
-
-    def _showSegment(self):
-        selector, organ = self._ui.segmentSelector, self._organ
-        blocked = selector.blockSignals(True)
-        try:
-            if selector.currentNode() is not organ.inputSegmentation:
-                selector.setCurrentNode(organ.inputSegmentation)
-            if organ.inputSegmentation is not None and selector.currentSegmentID() != organ.inputSegmentId:
-                selector.setCurrentSegmentID(organ.inputSegmentId)
-        finally:
-            selector.blockSignals(blocked)
-
-    def _segmentChosen(self, _chosen=None):
-        organ, selector = self._organ, self._ui.segmentSelector
-        if organ is None:
-            return
-        node, segmentId = selector.currentNode(), selector.currentSegmentID() or ""
-        if node is not None and node is organ.inputSegmentation and organ.inputSegmentId:
-            # Where the chosen segment was removed the selector takes another one, which nobody has chosen.
-            kept = node.GetSegmentation().GetSegment(organ.inputSegmentId) is not None
-            segmentId = segmentId if kept else ""
-        with slicer.util.NodeModify(organ.parameterNode):
-            organ.inputSegmentation, organ.inputSegmentId = node, segmentId
 
     def _showVisibility(self):
         check = self._ui.previewCheck

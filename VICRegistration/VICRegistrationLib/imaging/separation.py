@@ -7,13 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from .boxes import ball_box, bounds, pieces
 from .image import Image
+from .limits import Limits
+from .lookout import looked_around
 from .morphology import ball_reach, dilate, erode, fill_holes
-from .threshold import checked_seeds, find_edges, threshold_between, voxels_of
+from .region_checks import (
+    LEAK_FACTOR,
+    check_leak,
+    check_pieces,
+    checked_radius,
+    checked_threshold,
+    refuse_erosion,
+    warnings,
+)
+from .seeds import checked_seeds, voxels_of
 
 _FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
-# More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
-_LARGEST_SHARE = 0.6
 # The first box holds the ends of the rays but for this share on each side; where it is too small it grows by
 # a share of its length.
 _ASTRAY = 0.02
@@ -21,8 +31,8 @@ _GROWTH = 0.3
 # Radii tried by default: the first, the next ones if the region leaks, the small ones if it vanishes.
 _EROSIONS_MM = (2.0, 3.0, 4.0, 5.0, 6.0)
 _THIN_EROSIONS_MM = (1.0, 0.0)
-# A region this many times the volume that the rays from the seeds span has leaked.
-_LEAK_FACTOR = 1.3
+# A region of less than this share of what the rays from the seeds span is a fragment of the organ.
+_FRAGMENT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +92,10 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     ----------
     image : Image
     seeds : array_like, shape (n, 3) or (3,)
-        Points in the organ, RAS mm. The voxel around a seed must be within the threshold.
+        Points in the organ, RAS mm. A seed up to 4 mm beside the voxels within the threshold is moved to the nearest.
     threshold : (float, float), optional
-        Lowest and highest grey level of the organ. Default: `suggest_threshold`.
+        Lowest and highest grey level of the organ, the same everywhere. By default, limits that follow the signal
+        along the organ, `Limits.along`; ``threshold`` of the result is what is typical of them.
     erosion : float, optional
         Radius of the erosion in mm. Slices thicker than it are not eroded into one another. By default 2 mm,
         or the next whole number up to 6 mm at which the region is at most 1.3 times what the rays from the
@@ -113,24 +124,24 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     the result is that of the whole volume and the cost that of the organ.
     """
     seeds = checked_seeds(image, seeds)
-    edges = find_edges(image, seeds)
-    suggested = threshold is None
-    threshold = threshold_between(edges) if suggested else _checked_threshold(threshold)
-    dilation = None if dilation is None else _checked_radius("dilation", dilation, image)
+    given = None if threshold is None else Limits.constant(*checked_threshold(threshold))
+    dilation = None if dilation is None else checked_radius("dilation", dilation, image)
+    seeds, edges = looked_around(image, seeds, given)
+    limits = given or Limits.along(edges, image)
     voxels = voxels_of(image, seeds)
-    _check_seed_levels(image, seeds, voxels, threshold, suggested=suggested)
+    threshold = limits.low, limits.high
     if erosion is None:
-        start, mask, erosion = _separated_by_default(image, edges, voxels, threshold, dilation)
+        start, mask, erosion = _separated_by_default(image, edges, voxels, limits, dilation)
     else:
-        erosion = _checked_radius("erosion", erosion, image)
-        start, inside, core = _grown_core(image, edges, voxels, threshold, erosion, dilation)
+        erosion = checked_radius("erosion", erosion, image)
+        start, inside, core = _grown_core(image, edges, voxels, limits, erosion, dilation)
         if not core.any():
-            _refuse_erosion(image, seeds, voxels - start, inside, erosion)
+            refuse_erosion(image, seeds, voxels - start, inside, erosion)
         mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
     region = _cropped(image, mask, start, fill=fill, threshold=threshold, erosion=erosion)
-    _check_leak(image, region)
-    _check_pieces(region)
-    return replace(region, warnings=_warnings(region, edges, np.count_nonzero(mask) * image.voxel_volume))
+    check_leak(image, region)
+    check_pieces(region)
+    return replace(region, warnings=warnings(region, edges, np.count_nonzero(mask) * image.voxel_volume))
 
 
 def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
@@ -171,19 +182,20 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
     return _cropped(image, mask, np.zeros(3, dtype=int), fill=False)
 
 
-def _separated_by_default(image, edges, voxels, threshold, dilation):
+def _separated_by_default(image, edges, voxels, limits, dilation):
     """Erode as little as keeps the region within what the rays from the seeds span; see `separate`."""
-    most_voxels = _LEAK_FACTOR * edges.volume / image.voxel_volume
-    attempts = [(erosion, most_voxels) for erosion in _EROSIONS_MM]
+    seen = edges.volume / image.voxel_volume
+    attempts = [(erosion, LEAK_FACTOR * seen) for erosion in _EROSIONS_MM]
     # If none will do, the rays saw too little of a bent organ, or the organ is thin.
     attempts += [(erosion, np.inf) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
     for erosion, limit in attempts:
-        grown = _grown_core(image, edges, voxels, threshold, erosion, dilation, most_voxels=limit)
+        grown = _grown_core(image, edges, voxels, limits, erosion, dilation, most_voxels=limit)
         if grown is None or not grown[2].any():
             continue
         start, inside, core = grown
         mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
-        if np.count_nonzero(mask) <= limit and _pieces(mask) == 1:
+        # What is left of an organ that was eroded too much fits into anything.
+        if _FRAGMENT * seen <= np.count_nonzero(mask) <= limit and pieces(mask) == 1:
             break
     return start, mask, erosion
 
@@ -191,7 +203,7 @@ def _separated_by_default(image, edges, voxels, threshold, dilation):
 def _dilated_back(image, inside, core, dilation):
     """Dilate the core within the threshold, but not to the far side of a wall."""
     mask = dilate(core, image.ijk_to_ras[:3, :3], dilation) & inside
-    first, last = _bounds(mask)
+    first, last = bounds(mask)
     box = tuple(map(slice, first, last))
     labels, count = ndimage.label(mask[box])
     if count > 1:
@@ -201,7 +213,7 @@ def _dilated_back(image, inside, core, dilation):
     return mask
 
 
-def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxels=np.inf):
+def _grown_core(image, edges, voxels, limits, erosion, dilation, *, most_voxels=np.inf):
     """Find the eroded components of the seeds in a box with room for the dilation.
 
     Returns the first voxel of the box, the voxels of the box within the threshold, and the components: none
@@ -215,7 +227,7 @@ def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxe
         outer_start = np.maximum(start - room, 0)
         outer_stop = np.minimum(stop + room, shape)
         grey = image.array[tuple(map(slice, outer_start, outer_stop))]
-        inside = _within(grey, threshold)
+        inside = limits.holds(outer_start, grey)
         core = erode(inside, steps, erosion)
         # Erosion at the edge of the outer box does not see what lies beyond it: only the inner box is exact.
         inner = tuple(map(slice, start - outer_start, stop - outer_start))
@@ -227,7 +239,7 @@ def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxe
             return outer_start, inside, core
         if count > most_voxels:
             return None
-        first, last = _bounds(kept)
+        first, last = bounds(kept)
         grow_low = (first == 0) & (start > 0)
         grow_high = (last == stop - start) & (stop < shape)
         if not (grow_low.any() or grow_high.any()):
@@ -235,14 +247,6 @@ def _grown_core(image, edges, voxels, threshold, erosion, dilation, *, most_voxe
         growth = np.maximum(((stop - start) * _GROWTH).astype(int), 1)
         start = np.where(grow_low, np.maximum(start - growth, 0), start)
         stop = np.where(grow_high, np.minimum(stop + growth, shape), stop)
-
-
-def _within(grey, threshold):
-    """Voxels within the threshold, which may lie beyond what the voxels' type can hold."""
-    if grey.dtype.kind == "f":
-        limits = np.finfo(grey.dtype)
-        threshold = np.clip(threshold, float(limits.min), float(limits.max)).tolist()
-    return (grey >= threshold[0]) & (grey <= threshold[1])
 
 
 def _first_box(image, edges, voxels, erosion):
@@ -264,7 +268,7 @@ def _nearest_components(core, voxels, steps, radius):
     labels, count = ndimage.label(core)
     wanted = np.zeros(count + 1, dtype=bool)
     for voxel in voxels:
-        near, distances = _near(core, voxel, steps, radius)
+        near, distances = ball_box(core, voxel, steps, radius)
         distances = np.where(core[near], distances, np.inf)
         nearest = distances.min()
         if nearest == np.inf:
@@ -273,43 +277,10 @@ def _nearest_components(core, voxels, steps, radius):
     return wanted[labels]
 
 
-def _near(grid, voxel, steps, radius):
-    """Index of the box of a ball around a voxel, and the distances in mm of its voxels within the ball."""
-    reach = ball_reach(steps, radius)
-    low = np.maximum(voxel - reach, 0)
-    high = np.minimum(voxel + reach + 1, grid.shape)
-    offsets = np.stack(np.meshgrid(*map(np.arange, low - voxel, high - voxel), indexing="ij"), axis=-1)
-    distances = np.linalg.norm(offsets[..., ::-1] @ steps.T, axis=-1)
-    distances[distances > radius * (1 + 1e-6)] = np.inf
-    return tuple(map(slice, low, high)), distances
-
-
-def _refuse_erosion(image, seeds, voxels, inside, erosion):
-    """Say which seed the erosion leaves nothing around, and which radius would."""
-    depths = ndimage.distance_transform_edt(inside, sampling=image.spacing[::-1])
-    enough = []
-    for voxel in voxels:
-        near, distances = _near(inside, voxel, image.ijk_to_ras[:3, :3], erosion)
-        enough.append(depths[near][distances < depths[near]].max())
-    worst = int(np.argmin(enough))
-    msg = (
-        f"The erosion of {erosion:g} mm leaves nothing around the seed {_point(seeds[worst])}: the organ is "
-        f"too thin there. Use an erosion below {enough[worst]:.2g} mm or move the seed deeper into the organ."
-    )
-    raise ValueError(msg)
-
-
-def _bounds(mask):
-    """First and one past the last voxel of a mask that is not empty, along k, j and i."""
-    plane = mask.any(axis=2)
-    used = [np.flatnonzero(line) for line in (plane.any(axis=1), plane.any(axis=0), mask.any(axis=(0, 1)))]
-    return np.array([line[0] for line in used]), np.array([line[-1] + 1 for line in used])
-
-
 def _cropped(image, mask, start, *, fill, threshold=None, erosion=None):
     """Make a region of a mask whose first voxel is voxel `start` (k, j, i) of the image."""
     shape = np.array(image.array.shape)
-    first, last = _bounds(mask)
+    first, last = bounds(mask)
     low = np.maximum(start + first - 1, 0)
     high = np.minimum(start + last + 1, shape)
     crop = np.zeros(high - low, dtype=bool)
@@ -329,102 +300,3 @@ def _cropped(image, mask, start, *, fill, threshold=None, erosion=None):
         touches_border=touches,
         erosion=erosion,
     )
-
-
-def _check_leak(image, region):
-    share = np.count_nonzero(region.mask) / image.array.size
-    if share <= _LARGEST_SHARE and len(region.touches_border) < 6:
-        return
-    reach = "touches all six faces of the volume" if share <= _LARGEST_SHARE else "fills most of the volume"
-    low, high = region.threshold
-    msg = (
-        f"The separated region {reach} ({share:.0%} of it): with the threshold {low:.6g} to {high:.6g} it is "
-        "not one organ. Narrow the threshold or increase the erosion."
-    )
-    raise ValueError(msg)
-
-
-def _pieces(mask):
-    """Count the components of a mask that is not empty."""
-    first, last = _bounds(mask)
-    return ndimage.label(mask[tuple(map(slice, first, last))])[1]
-
-
-def _check_pieces(region):
-    count = _pieces(region.mask)
-    if count > 1:
-        low, high = region.threshold
-        remedy = "widen the threshold or lower the erosion" if region.erosion else "widen the threshold"
-        msg = (
-            f"The separated region falls into {count} pieces, which one closed surface cannot hold (threshold "
-            f"{low:.6g} to {high:.6g}, erosion {region.erosion:g} mm). Fit them one by one, or {remedy} so that they "
-            "join."
-        )
-        raise ValueError(msg)
-
-
-def _warnings(region, edges, volume):
-    """Tell of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
-    if volume <= _LEAK_FACTOR * edges.volume:
-        return ()
-    spanned = edges.volume / 1000.0
-    low, high = region.threshold
-    return (
-        f"The separated region of {region.volume_ml:.1f} ml is larger than the {spanned:.1f} ml seen from the seeds; "
-        f"it may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {region.erosion:g} mm). "
-        "Look at the contour; if it has, narrow the threshold or increase the erosion.",
-    )
-
-
-def _check_seed_levels(image, seeds, voxels, threshold, *, suggested):
-    low, high = threshold
-    for seed, voxel in zip(seeds, voxels.tolist()):
-        level = float(image.array[tuple(voxel)])
-        if low <= level <= high:
-            continue
-        if suggested:
-            msg = (
-                f"No threshold could be suggested that holds the seed {_point(seed)}: its grey level is {level:.6g}, "
-                f"the suggestion {low:.6g} to {high:.6g}. The organ may be thin or the seed in a wall; give the "
-                "threshold as its lowest and highest grey level, or move the seed."
-            )
-        else:
-            msg = (
-                f"The grey level at the seed {_point(seed)} is {level:.6g}, outside the threshold {low:.6g} "
-                f"to {high:.6g}; move the seed into the organ or widen the threshold."
-            )
-        raise ValueError(msg)
-
-
-def _checked_threshold(threshold):
-    try:
-        low, high = (float(value) for value in threshold)
-    except (TypeError, ValueError):
-        msg = f"The threshold is {threshold!r}; it must be two grey levels, the lowest and the highest."
-        raise ValueError(msg) from None
-    if not low <= high:
-        msg = (
-            f"The threshold {low:.6g} to {high:.6g} is empty; the lowest grey level must come first and not "
-            "exceed the highest."
-        )
-        raise ValueError(msg)
-    return low, high
-
-
-def _checked_radius(name, radius, image):
-    radius = float(radius)
-    if not (np.isfinite(radius) and radius >= 0):
-        msg = f"The {name} is {radius:g} mm; it must be zero or a positive length."
-        raise ValueError(msg)
-    largest = float((image.spacing * image.size).max()) / 2.0
-    if radius > largest:
-        msg = (
-            f"The {name} is {radius:g} mm, more than half of the volume's longest side ({largest:.4g} mm); no organ is "
-            "that thick. Use a few millimetres."
-        )
-        raise ValueError(msg)
-    return radius
-
-
-def _point(seed):
-    return "({:.1f}, {:.1f}, {:.1f}) mm".format(*seed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import slicer
 from slicer.i18n import tr as _
 
+from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
 from .organ_nodes import convergenceOf, hasSegment, modelOf, removeNodes, segmentOf
 from .parameters import OrganState, RegionSource
@@ -202,6 +203,7 @@ class _Bookkeeping:
     def __init__(self, organ, volumeNode):
         self.organ, self.volumeNode = organ, volumeNode
         self.before = organ.surface.GetPolyData() if organ.surface is not None else None
+        self.colored = coloredBy(organ.surface)
         self.model = None
         self._organ = _("organ"), _("Add the organ again.")
         name = volumeNode.GetName() if volumeNode is not None else ""
@@ -217,7 +219,8 @@ class _Bookkeeping:
             return
         # The model is kept here too: an organ that was removed from the scene does not know it any more.
         if self._isThere(self.model) and self.before is not None:
-            self.model.SetAndObservePolyData(self.before)
+            exchangePolyData(self.model, self.before)
+            self._colorAgain()
         elif self._isThere(self.model):
             removeNodes([self.model])
         if isinstance(error, ValueError) and self._isThere(self.organ.parameterNode):
@@ -257,7 +260,15 @@ class _Bookkeeping:
 
         organ, model = self.organ, self.model
         pulled = fit.uncorrected if len(fit.boundary_points) else None
-        showSurface(model, fit.surface, name=organ.label, uncorrected=pulled)
+        confidence = getattr(fit, "confidence", None)
+        showSurface(
+            model,
+            fit.surface,
+            name=organ.label,
+            uncorrected=pulled,
+            standardDeviation=confidence.standard_deviation if confidence is not None else None,
+        )
+        self._colorAgain()
         table, _chart = convergenceOf(organ, self.volumeNode)
         showConvergence(table, fit.history)
         boundaryDeviations(organ, self.volumeNode)
@@ -268,6 +279,11 @@ class _Bookkeeping:
                 count=fit.iterations, cost=f"{fit.cost_final:.3g}", seconds=f"{fit.seconds:.2f}"
             )
             organ.message = "\n".join([told, *warnings_about(image, fit)])
+
+    def _colorAgain(self):
+        """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""
+        if hasNumbers(self.model, self.colored):
+            colorBy(self.model, self.colored)
 
     @staticmethod
     def _isThere(node):

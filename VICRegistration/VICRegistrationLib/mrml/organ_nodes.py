@@ -5,6 +5,7 @@ from __future__ import annotations
 import slicer
 from slicer.i18n import tr as _
 
+from .colors import updateLegends
 from .convergence import createPlot, seriesOf, seriesOfTable
 from .points import createPoints, paintPoints
 from .regions import TYPE_ATTRIBUTE, addSegment, findRegions, regionsOf
@@ -61,6 +62,7 @@ def setVisible(organ, visible):
     for node in (organ.surface, organ.seeds, organ.boundaryPoints):
         if node is not None and node.GetDisplayNode() is not None:
             node.GetDisplayNode().SetVisibility(visible)
+    updateLegends()
     if hasSegment(organ) and organ.regions.GetDisplayNode() is not None:
         # Beside a surface the region is in the way; it is shown where it is asked for.
         shown = visible and organ.surface is None

@@ -6,6 +6,7 @@ import contextlib
 
 import slicer
 
+from .colors import updateLegends
 from .organ_nodes import nodesOf, paint, removeNodes, removeSegment
 from .parameters import OrganParameters
 from .regions import TYPE_ATTRIBUTE
@@ -149,6 +150,8 @@ class Organs:
         removeNodes(nodesOf(organ))
         removeSegment(organ)
         slicer.mrmlScene.RemoveNode(node)
+        # Another organ may need the legend that has gone with this one.
+        updateLegends()
 
     def rename(self, organ, name):
         """Rename an organ and its nodes, but for those that were given names of their own.

@@ -49,6 +49,13 @@ class RegionSource(_Choice):
     SEGMENT = "segment"
 
 
+class ReferenceKind(_Choice):
+    """What the surface is compared with."""
+
+    SEGMENT = "segment"
+    MODEL = "model"
+
+
 class Closure(_Choice):
     """How the surface is kept closed."""
 
@@ -99,6 +106,8 @@ class OrganState(_Choice):
 _LABELS = {
     RegionSource.THRESHOLDS: lambda: _("Seeds and grey levels"),
     RegionSource.SEGMENT: lambda: _("Segment of a segmentation"),
+    ReferenceKind.SEGMENT: lambda: _("Segment of a segmentation"),
+    ReferenceKind.MODEL: lambda: _("Model: another surface or mesh"),
     Closure.SMOOTH: lambda: _("Smooth (tangent plane at the poles)"),
     Closure.PAPER: lambda: _("As published (midpoints)"),
     Solver.GAUSS_NEWTON: lambda: _("Gauss-Newton"),
@@ -177,6 +186,11 @@ class OrganParameters:
     state: OrganState = OrganState.NEW
     message: str = ""
     volumeMl: float = 0.0
+
+    referenceKind: ReferenceKind = ReferenceKind.SEGMENT
+    referenceSegmentation: Optional[vtkMRMLSegmentationNode]
+    referenceSegmentId: str = ""
+    referenceModel: Optional[vtkMRMLModelNode]
 
     def options(self):
         """Choices for the library's fit.
@@ -268,6 +282,33 @@ class OrganParameters:
             setattr(self, f"{name}Automatic", name not in checked)
         for name, value in checked.items():
             setattr(self, f"{name}Mm", value)
+
+    def reference(self):
+        """Tell what the surface is to be compared with.
+
+        Returns
+        -------
+        node : vtkMRMLSegmentationNode or vtkMRMLModelNode or None
+        segmentId : str
+            Empty for a model.
+        """
+        if self.referenceKind is ReferenceKind.MODEL:
+            return self.referenceModel, ""
+        return self.referenceSegmentation, self.referenceSegmentId
+
+    def setReference(self, node, segmentId=""):
+        """Remember what the surface is compared with.
+
+        Parameters
+        ----------
+        node : vtkMRMLSegmentationNode or vtkMRMLModelNode
+        segmentId : str
+        """
+        if node.IsA("vtkMRMLModelNode"):
+            self.referenceKind, self.referenceModel = ReferenceKind.MODEL, node
+        else:
+            self.referenceKind = ReferenceKind.SEGMENT
+            self.referenceSegmentation, self.referenceSegmentId = node, segmentId
 
     def ownedNodes(self):
         """Nodes that go with the organ; the segmentation is shared by all organs.

@@ -7,6 +7,8 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
+from .colors import STANDARD_DEVIATION, addNumbers, exchangePolyData
+
 # Triangles stay this close to the surface, mm.
 _CHORD_ERROR_MM = 0.1
 _SLICE_THICKNESS_PX = 2
@@ -37,7 +39,7 @@ def createModel(name, color):
     return node
 
 
-def showSurface(modelNode, surface, *, name, uncorrected=None):
+def showSurface(modelNode, surface, *, name, uncorrected=None, standardDeviation=None):
     """Let a model show a surface, and carry it.
 
     Parameters
@@ -49,15 +51,21 @@ def showSurface(modelNode, surface, *, name, uncorrected=None):
         Name of the organ, stored beside the surface.
     uncorrected : VICRegistrationLib.geometry.surface.BSplineSurface, optional
         What it was before boundary points pulled it; carried as well.
+    standardDeviation : callable, optional
+        Takes surface parameters, (n, 2), to the standard deviation of the surface along its normal there, (n,) mm; the
+        points of the model carry it, to be coloured by.
     """
     from ..export.surface_data import add_surface, polydata_of_mesh
     from ..geometry.triangulation import triangulate
 
-    data = polydata_of_mesh(triangulate(surface, chord_error=_CHORD_ERROR_MM))
+    mesh = triangulate(surface, chord_error=_CHORD_ERROR_MM)
+    data = polydata_of_mesh(mesh)
     add_surface(data, surface, name=name)
     if uncorrected is not None:
         add_surface(data, uncorrected, name=name, role=_UNCORRECTED)
-    modelNode.SetAndObservePolyData(data)
+    if standardDeviation is not None:
+        addNumbers(data, STANDARD_DEVIATION, standardDeviation(mesh.parameters))
+    exchangePolyData(modelNode, data)
 
 
 def moveSurface(modelNode, surface):
@@ -75,7 +83,7 @@ def moveSurface(modelNode, surface):
     mesh = triangulate(surface, resolution=_MOVING_RESOLUTION)
     data = modelNode.GetPolyData()
     if not _isMoving(data, len(mesh.points)):
-        modelNode.SetAndObservePolyData(polydata_of_mesh(mesh))
+        exchangePolyData(modelNode, polydata_of_mesh(mesh))
         return
     vtk_to_numpy(data.GetPointData().GetNormals())[:] = mesh.normals
     data.GetPointData().GetNormals().Modified()
@@ -92,6 +100,21 @@ def _isMoving(data, count):
         and data.GetPointData().GetNormals() is not None
         and not data.GetFieldData().HasArray("control_net")
     )
+
+
+def carriesSurface(modelNode):
+    """Whether a model carries a B-spline surface.
+
+    Parameters
+    ----------
+    modelNode : vtkMRMLModelNode
+
+    Returns
+    -------
+    bool
+    """
+    data = modelNode.GetPolyData()
+    return data is not None and bool(data.GetFieldData().HasArray("control_net"))
 
 
 def surfaceFromModel(modelNode, *, corrected=True):

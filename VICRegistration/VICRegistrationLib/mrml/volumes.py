@@ -90,7 +90,7 @@ def localPoints(volumeNode, worldPoints):
     (n, 3) ndarray
         Local RAS mm.
     """
-    return _transformed(None, volumeNode.GetParentTransformNode(), worldPoints)
+    return transformedPoints(None, volumeNode.GetParentTransformNode(), worldPoints)
 
 
 def worldPoints(volumeNode, points):
@@ -107,7 +107,7 @@ def worldPoints(volumeNode, points):
     (n, 3) ndarray
         World RAS mm.
     """
-    return _transformed(volumeNode.GetParentTransformNode(), None, points)
+    return transformedPoints(volumeNode.GetParentTransformNode(), None, points)
 
 
 def putUnderVolume(node, volumeNode):
@@ -122,9 +122,23 @@ def putUnderVolume(node, volumeNode):
     node.SetAndObserveTransformNodeID(parent.GetID() if parent else None)
 
 
-def _transformed(source, target, points):
+def transformedPoints(source, target, points):
+    """Take points from below one transform node to below another.
+
+    Parameters
+    ----------
+    source, target : vtkMRMLTransformNode or None
+        None is the world.
+    points : (n, 3) or (3,) array_like
+        RAS mm.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        RAS mm.
+    """
     points = np.atleast_2d(np.asarray(points, dtype=float)).reshape(-1, 3)
-    if source is None and target is None:
+    if source is target:
         return points
     transform = vtk.vtkGeneralTransform()
     slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(source, target, transform)

@@ -30,8 +30,8 @@ REGION_MARGIN_MM = 10.0
 # points drift and loses the surface where there is no edge.
 SLIDING = 0.02
 ANCHOR = 0.05
-# The region is rough (terraces of thick slices), the grey levels are not: it is fitted that much more stiffly.
-REGION_BENDING = 100.0
+# The region is rough (terraces of thick slices), the grey levels are not: it is fitted more stiffly than they are.
+REGION_BENDING = 1e-3
 # A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
 # region, which the grey levels will correct anyway.
 COST_TOLERANCE = 3e-3
@@ -80,8 +80,7 @@ def plan(
     }
     yield Stage("global scaling", stop_rule="parameters", reach=0.15, **far), scaling
     tolerance = patience * 3.0 * options.tolerance
-    bending = REGION_BENDING * options.smoothness
-    yield Stage("region", reach=0.02, bending=bending, tolerance=tolerance, **far), closed.at
+    yield Stage("region", reach=0.02, bending=REGION_BENDING, tolerance=tolerance, **far), closed.at
     sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * options.tau))
     inside, outside = _starting_levels(target, sampler, options)
     voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]

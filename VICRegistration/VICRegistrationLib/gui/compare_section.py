@@ -1,0 +1,152 @@
+"""The section in which a surface is compared with a reference and coloured, and the numbers are copied."""
+
+from __future__ import annotations
+
+import slicer
+from slicer.i18n import tr as _
+
+from ..mrml.colors import DEVIATION, STANDARD_DEVIATION, colorBy, coloredBy, hasNumbers
+from ..mrml.comparing import compareOrgan, comparisonText, patientOf, setPatient
+from ..mrml.comparison_table import tableAsCsv
+from ..mrml.organ_nodes import volumeOf
+from ..mrml.parameters import ReferenceKind
+from .binding import Binding
+from .segment_choice import SegmentChoice
+
+
+def _colorings():
+    return (
+        ("", _("The organ's colour"), ""),
+        (DEVIATION, _("Deviation from the reference"), _("Press Compare first.")),
+        (
+            STANDARD_DEVIATION,
+            _("Confidence: standard deviation"),
+            _("Fit the organ again; a fit that tells how sure it is brings one along."),
+        ),
+    )
+
+
+class CompareSection:
+    """Compares the current organ with what is chosen.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    """
+
+    def __init__(self, ui):
+        self._ui = ui
+        self._organ = self._volume = self._binding = None
+        self._segment = SegmentChoice(ui.referenceSegmentSelector, "referenceSegmentation", "referenceSegmentId")
+        for name, text, _remedy in _colorings():
+            ui.colorByCombo.addItem(text, name)
+        ui.patientEdit.connect("textChanged(QString)", self._patientTyped)
+        ui.compareButton.connect("clicked()", self._compare)
+        ui.colorByCombo.connect("currentIndexChanged(int)", self._coloringChosen)
+        ui.copyTableButton.connect("clicked()", self._copy)
+
+    def setOrgan(self, organ, volumeNode):
+        """Show and follow an organ.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+        volumeNode : vtkMRMLScalarVolumeNode or None
+        """
+        self.release()
+        if organ is not None:
+            self._organ, self._volume = organ, volumeNode
+            ui = self._ui
+            self._binding = Binding(
+                organ, {"referenceKind": ui.referenceKindCombo, "referenceModel": ui.referenceModelSelector}
+            )
+        self.refresh(busy=False)
+
+    def release(self):
+        """Let go of the organ and its nodes."""
+        self._segment.show(None)
+        if self._binding is not None:
+            self._binding.release()
+        self._organ = self._volume = self._binding = None
+
+    def refresh(self, *, busy):
+        """Show what is compared, how the surface is coloured and what was found.
+
+        Parameters
+        ----------
+        busy : bool
+            Whether a fit is under way.
+        """
+        ui, organ = self._ui, self._organ
+        fitted = organ is not None and organ.surface is not None
+        fromSegment = organ is not None and organ.referenceKind is ReferenceKind.SEGMENT
+        ui.referenceKindCombo.enabled = organ is not None
+        ui.referenceSegmentSelector.enabled = fromSegment
+        ui.referenceModelSelector.enabled = organ is not None and not fromSegment
+        ui.patientEdit.enabled = self._patientVolume() is not None
+        ui.compareButton.enabled = ui.colorByCombo.enabled = fitted and not busy
+        self._segment.show(organ)
+        self._showPatient()
+        self._showColoring()
+        if organ is not None and not fitted:
+            self._tell(_("The organ has no surface yet; fit it, then compare."))
+        else:
+            self._tell(comparisonText(organ) if fitted else "")
+
+    def _patientVolume(self):
+        return (volumeOf(self._organ) or self._volume) if self._organ is not None else None
+
+    def _showPatient(self):
+        edit, volumeNode = self._ui.patientEdit, self._patientVolume()
+        edit.placeholderText = volumeNode.GetName() if volumeNode is not None else ""
+        name = patientOf(volumeNode)
+        name = name if name != edit.placeholderText else ""
+        if edit.text.strip() == name:
+            # As it is being typed.
+            return
+        blocked = edit.blockSignals(True)
+        edit.text = name
+        edit.blockSignals(blocked)
+
+    def _patientTyped(self, _text=None):
+        if self._patientVolume() is not None:
+            setPatient(self._patientVolume(), self._ui.patientEdit.text)
+
+    def _showColoring(self):
+        combo = self._ui.colorByCombo
+        shown = coloredBy(self._organ.surface) if self._organ is not None else None
+        blocked = combo.blockSignals(True)
+        combo.setCurrentIndex(max(combo.findData(shown or ""), 0))
+        combo.blockSignals(blocked)
+
+    def _coloringChosen(self, index):
+        if self._organ is None or self._organ.surface is None:
+            return
+        name, text, remedy = _colorings()[index]
+        if name and not hasNumbers(self._organ.surface, name):
+            self._showColoring()
+            self._tell(_("{choice}: the surface does not have it. {remedy}").format(choice=text, remedy=remedy))
+            return
+        colorBy(self._organ.surface, name or None)
+
+    def _compare(self):
+        organ, volumeNode = self._organ, self._patientVolume()
+        try:
+            with slicer.util.WaitCursor():
+                compareOrgan(organ, volumeNode, *organ.reference())
+        except ValueError as error:
+            self._tell(str(error))
+            return
+        self.refresh(busy=False)
+
+    def _copy(self):
+        try:
+            text, count = tableAsCsv()
+        except ValueError as error:
+            self._tell(str(error))
+            return
+        slicer.app.clipboard().setText(text)
+        self._tell(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
+
+    def _tell(self, text):
+        self._ui.compareStatusLabel.text = text

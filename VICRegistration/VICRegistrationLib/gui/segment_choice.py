@@ -1,0 +1,57 @@
+"""A segment of a segmentation, chosen for an organ."""
+
+from __future__ import annotations
+
+import slicer
+
+
+class SegmentChoice:
+    """Keeps a selector of segments and two parameters of an organ equal, both ways.
+
+    Parameters
+    ----------
+    selector : qMRMLSegmentSelectorWidget
+    nodeName, idName : str
+        Parameters that hold the segmentation and the ID of its segment.
+    """
+
+    def __init__(self, selector, nodeName, idName):
+        self._selector, self._names, self._organ = selector, (nodeName, idName), None
+        selector.connect("currentNodeChanged(vtkMRMLNode*)", self._chosen)
+        selector.connect("currentSegmentChanged(QString)", self._chosen)
+
+    def show(self, organ):
+        """Show what is chosen for an organ, and write choices to it from now on.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+            None: choices are written nowhere.
+        """
+        self._organ = organ
+        if organ is None:
+            return
+        selector, (node, segmentId) = self._selector, self._kept()
+        blocked = selector.blockSignals(True)
+        try:
+            if selector.currentNode() is not node:
+                selector.setCurrentNode(node)
+            if node is not None and selector.currentSegmentID() != segmentId:
+                selector.setCurrentSegmentID(segmentId)
+        finally:
+            selector.blockSignals(blocked)
+
+    def _kept(self):
+        return tuple(getattr(self._organ, name) for name in self._names)
+
+    def _chosen(self, _chosen=None):
+        if self._organ is None:
+            return
+        node, segmentId = self._selector.currentNode(), self._selector.currentSegmentID() or ""
+        keptNode, keptId = self._kept()
+        if node is not None and node is keptNode and keptId:
+            # Where the chosen segment was removed the selector takes another one, which nobody has chosen.
+            segmentId = segmentId if node.GetSegmentation().GetSegment(keptId) is not None else ""
+        with slicer.util.NodeModify(self._organ.parameterNode):
+            for name, value in zip(self._names, (node, segmentId)):
+                setattr(self._organ, name, value)

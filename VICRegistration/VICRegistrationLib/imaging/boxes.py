@@ -1,0 +1,32 @@
+"""Boxes of voxels: that of a mask, that of a ball, and the pieces of a mask."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from .morphology import ball_reach
+
+
+def bounds(mask):
+    """First and one past the last voxel of a mask that is not empty, along k, j and i."""
+    plane = mask.any(axis=2)
+    used = [np.flatnonzero(line) for line in (plane.any(axis=1), plane.any(axis=0), mask.any(axis=(0, 1)))]
+    return np.array([line[0] for line in used]), np.array([line[-1] + 1 for line in used])
+
+
+def ball_box(grid, voxel, steps, radius):
+    """Index of the box of a ball around a voxel, and the distances in mm of its voxels within the ball."""
+    reach = ball_reach(steps, radius)
+    low = np.maximum(voxel - reach, 0)
+    high = np.minimum(voxel + reach + 1, grid.shape)
+    offsets = np.stack(np.meshgrid(*map(np.arange, low - voxel, high - voxel), indexing="ij"), axis=-1)
+    distances = np.linalg.norm(offsets[..., ::-1] @ steps.T, axis=-1)
+    distances[distances > radius * (1 + 1e-6)] = np.inf
+    return tuple(map(slice, low, high)), distances
+
+
+def pieces(mask):
+    """Count the components of a mask that is not empty."""
+    first, last = bounds(mask)
+    return ndimage.label(mask[tuple(map(slice, first, last))])[1]

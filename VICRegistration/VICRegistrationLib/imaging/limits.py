@@ -1,0 +1,138 @@
+"""Limits of an organ's grey levels: the same everywhere, or following the signal along the organ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .edges import Edges
+from .image import Image
+from .threshold import FEWEST_ON_SIDE, threshold_between
+
+# Edges within this share of the radius of a ball of the organ's volume make the limit of a place.
+_REACH = 0.5
+# Of the edges around a place, this share lies on the outer side of the limit: an edge between bright and dim parts of
+# the organ counts less than the wall behind it.
+_OUTER_SHARE = 0.2
+# Levels of edges beyond these shares of all are those of rays that went astray.
+_ASTRAY = 0.05
+# The lattice goes on around the edges by so many steps, each as long as they reach.
+_MARGIN = 3
+# Weight of the typical limit, where an edge at the place itself weighs 1.
+_PRIOR = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Lowest and highest grey level of an organ.
+
+    Parameters
+    ----------
+    low, high : float
+        Typical limits.
+    first, step : (3,) ndarray
+        First node (i, j, k) and spacing, in voxels, of a lattice around the organ.
+    offsets : (2, ni, nj, nk) ndarray
+        What is to be added to the lowest and to the highest level on the lattice, linear between its nodes, nothing
+        outside of it. Limits without nodes are the same everywhere.
+    """
+
+    low: float
+    high: float
+    first: np.ndarray
+    step: np.ndarray
+    offsets: np.ndarray
+
+    @classmethod
+    def constant(cls, low: float, high: float) -> Limits:
+        """Limits that are the same everywhere."""
+        return cls(low, high, np.zeros(3), np.ones(3), np.zeros((2, 0, 0, 0)))
+
+    @classmethod
+    def along(cls, edges: Edges, image: Image) -> Limits:
+        """Limits half way between the levels before and behind the edges that rays from the seeds have found.
+
+        Parameters
+        ----------
+        edges : Edges
+        image : Image
+            In which they were found.
+
+        Returns
+        -------
+        Limits
+            They follow the edges: in MRI, the signal of one organ falls away from the coil and where its content flows,
+            and a wall is darker here than there.
+
+        Raises
+        ------
+        ValueError
+            If there are too few edges.
+        """
+        low, high = threshold_between(edges)
+        places, offsets = edges.points[edges.found], _offsets(edges, low, high)
+        reach = _REACH * float(3.0 * edges.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        step = reach / image.spacing
+        low_end, high_end = np.quantile(image.to_ijk(places), [_ASTRAY, 1.0 - _ASTRAY], axis=0)
+        # About the middle of the organ, so that a flipped copy of the volume has the same nodes.
+        around = np.ceil((high_end - low_end) / 2.0 / step).astype(int) + _MARGIN
+        counts, first = 2 * around + 1, (low_end + high_end) / 2.0 - around * step
+        # A Gaussian is the product of those along the axes of the grid.
+        i, j, k = (
+            np.exp(np.square((begin + width * np.arange(count)[:, None] - place) / width) / -2.0)
+            for begin, count, width, place in zip(first, counts, step, image.to_ijk(places).T)
+        )
+        in_plane = (i[:, None] * j).reshape(-1, len(places))
+        sums = [in_plane @ (k * values).T for values in (*offsets.T, np.ones(len(places)))]
+        shares = np.array(sums[:2]) / (sums[2] + _PRIOR)
+        return cls(low, high, first, step, shares.reshape(2, *counts))
+
+    def holds(self, start: np.ndarray, grey: np.ndarray) -> np.ndarray:
+        """Voxels within the limits.
+
+        Parameters
+        ----------
+        start : (3,) array_like of int
+            First voxel (k, j, i) of a box of the image.
+        grey : (nk, nj, ni) ndarray
+            Grey levels of the box.
+
+        Returns
+        -------
+        (nk, nj, ni) ndarray of bool
+        """
+        if not self.offsets.size:
+            return _within(grey, self.low, self.high)
+        low, high = self.offsets.astype(np.float32)
+        for begin, size, first, step, count in zip(
+            np.asarray(start)[::-1], grey.shape[::-1], self.first, self.step, low.shape
+        ):
+            away = (begin + np.arange(size) - first)[:, None] / step - np.arange(count)
+            hats = np.maximum(1.0 - np.abs(away), 0.0).astype(np.float32)
+            # Contracts the leading axis and puts its voxels last: after three turns the order is i, j, k again.
+            low, high = (np.tensordot(level, hats, axes=(0, 1)) for level in (low, high))
+        return _within(grey, self.low + low.transpose(2, 1, 0), self.high + high.transpose(2, 1, 0))
+
+
+def _offsets(edges: Edges, low: float, high: float) -> np.ndarray:
+    """Tell what each edge found adds to the typical limits, (n, 2)."""
+    half = ((edges.inner + edges.outer) / 2.0)[edges.found]
+    falls = (edges.outer < edges.inner)[edges.found]
+    offsets = np.zeros((len(half), 2))
+    for number, (side, limit, share) in enumerate(((falls, low, _OUTER_SHARE), (~falls, high, 1.0 - _OUTER_SHARE))):
+        if side.sum() < FEWEST_ON_SIDE * len(half):
+            continue
+        own = half[side]
+        # Edges of the other kind say nothing about this limit and have the typical one.
+        offsets[:, number] = np.quantile(own, share) - limit
+        offsets[side, number] += np.clip(own, *np.quantile(own, [_ASTRAY, 1.0 - _ASTRAY])) - np.median(own)
+    return offsets
+
+
+def _within(grey: np.ndarray, low, high) -> np.ndarray:
+    """Voxels within limits, which may lie beyond what the voxels' type can hold."""
+    if grey.dtype.kind == "f":
+        limits = np.finfo(grey.dtype)
+        low, high = (np.clip(level, limits.min, limits.max).astype(grey.dtype) for level in (low, high))
+    return (grey >= low) & (grey <= high)

@@ -1,0 +1,87 @@
+"""Looking for an organ's edges from places in it: its seeds, and others that see what those do not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .boxes import ball_box
+from .edges import find_edges, joined
+from .limits import Limits
+from .region_checks import place
+from .seeds import voxels_of
+
+# A seed is taken to be meant for a voxel within the limits that is this near.
+_CLICK_MM = 4.0
+# From places as far from all seeds as this share of the organ's radius, other parts of the organ are seen.
+_OFF_SEEDS = 0.5
+# Such a place is as wide as this share of the widest one around a seed.
+_NARROW = 0.6
+# From there one may see farther, and so on.
+_ROUNDS = 3
+
+
+def looked_around(image, seeds, given):
+    """Look for the organ's edges from the seeds, and from the middle of parts of the organ that are far from them.
+
+    Returns the seeds, moved to the nearest voxel within the limits, and the edges.
+    """
+    edges = find_edges(image, seeds)
+    limits = given or Limits.along(edges, image)
+    settled = np.array([_settled(image, seed, limits, suggested=given is None) for seed in seeds])
+    if np.any(settled != seeds):
+        edges = find_edges(image, settled)
+    for _ in range(_ROUNDS):
+        radius = (3.0 * edges.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        away = np.linalg.norm(edges.halves[:, None] - edges.seeds, axis=2).min(axis=1)
+        others = edges.halves[(away > _OFF_SEEDS * radius) & _held(image, limits, edges.halves)]
+        if not len(others):
+            break
+        seen = find_edges(image, others)
+        # Not from a bridge: it is narrower than the organ.
+        wide = seen.depths > _NARROW * edges.depths.max()
+        if not wide.any():
+            break
+        edges = joined(edges, seen, wide)
+    return settled, edges
+
+
+def _held(image, limits, points):
+    """Whether the voxels around points lie within the limits; False outside of the volume."""
+    voxels = np.rint(image.to_ijk(points)[:, ::-1]).astype(int)
+    inside = np.all((voxels >= 0) & (voxels < image.array.shape), axis=1)
+    return np.array(
+        [
+            bool(found) and bool(limits.holds(voxel, image.array[tuple(voxel)].reshape(1, 1, 1)))
+            for found, voxel in zip(inside, voxels.tolist())
+        ]
+    )
+
+
+def _settled(image, seed, limits, *, suggested):
+    """Move a seed into the nearest voxel within the limits, if there is one about as near as a click is exact."""
+    voxel = voxels_of(image, seed[None])[0]
+    near, distances = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], _CLICK_MM)
+    held = limits.holds([part.start for part in near], image.array[near])
+    if held[tuple(voxel - [part.start for part in near])]:
+        return seed
+    distances = np.where(held, distances, np.inf)
+    if distances.min() == np.inf:
+        _refuse_seed(image, seed, voxel, limits, suggested=suggested)
+    k, j, i = np.unravel_index(distances.argmin(), distances.shape)
+    return image.to_ras(np.array([[i, j, k]]) + [part.start for part in near[::-1]])[0]
+
+
+def _refuse_seed(image, seed, voxel, limits, *, suggested):
+    level, low, high = float(image.array[tuple(voxel)]), limits.low, limits.high
+    if suggested:
+        msg = (
+            f"No threshold could be suggested that holds the seed {place(seed)}: its grey level is {level:.6g}, "
+            f"the suggestion {low:.6g} to {high:.6g}. The organ may be thin or the seed in a wall; give the "
+            "threshold as its lowest and highest grey level, or move the seed."
+        )
+    else:
+        msg = (
+            f"The grey level at the seed {place(seed)} is {level:.6g}, outside the threshold {low:.6g} "
+            f"to {high:.6g}; move the seed into the organ or widen the threshold."
+        )
+    raise ValueError(msg)

@@ -1,0 +1,106 @@
+"""What a separation is asked for, and what came out of it: refused, or told as a warning, in plain words."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from .boxes import ball_box, pieces
+
+# More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
+_LARGEST_SHARE = 0.6
+# A region this many times the volume that the rays from the seeds span has leaked.
+LEAK_FACTOR = 1.3
+
+
+def checked_threshold(threshold):
+    """Check a threshold given by a user, and return its two numbers."""
+    try:
+        low, high = (float(value) for value in threshold)
+    except (TypeError, ValueError):
+        msg = f"The threshold is {threshold!r}; it must be two grey levels, the lowest and the highest."
+        raise ValueError(msg) from None
+    if not low <= high:
+        msg = (
+            f"The threshold {low:.6g} to {high:.6g} is empty; the lowest grey level must come first and not "
+            "exceed the highest."
+        )
+        raise ValueError(msg)
+    return low, high
+
+
+def checked_radius(name, radius, image):
+    """Check a radius given by a user, mm, and return it as a number."""
+    radius = float(radius)
+    if not (np.isfinite(radius) and radius >= 0):
+        msg = f"The {name} is {radius:g} mm; it must be zero or a positive length."
+        raise ValueError(msg)
+    largest = float((image.spacing * image.size).max()) / 2.0
+    if radius > largest:
+        msg = (
+            f"The {name} is {radius:g} mm, more than half of the volume's longest side ({largest:.4g} mm); no organ is "
+            "that thick. Use a few millimetres."
+        )
+        raise ValueError(msg)
+    return radius
+
+
+def refuse_erosion(image, seeds, voxels, inside, erosion):
+    """Say which seed the erosion leaves nothing around, and which radius would."""
+    depths = ndimage.distance_transform_edt(inside, sampling=image.spacing[::-1])
+    enough = []
+    for voxel in voxels:
+        near, distances = ball_box(inside, voxel, image.ijk_to_ras[:3, :3], erosion)
+        enough.append(depths[near][distances < depths[near]].max())
+    worst = int(np.argmin(enough))
+    msg = (
+        f"The erosion of {erosion:g} mm leaves nothing around the seed {place(seeds[worst])}: the organ is "
+        f"too thin there. Use an erosion below {enough[worst]:.2g} mm or move the seed deeper into the organ."
+    )
+    raise ValueError(msg)
+
+
+def check_leak(image, region):
+    """Refuse a region that takes most of its volume."""
+    share = np.count_nonzero(region.mask) / image.array.size
+    if share <= _LARGEST_SHARE and len(region.touches_border) < 6:
+        return
+    reach = "touches all six faces of the volume" if share <= _LARGEST_SHARE else "fills most of the volume"
+    low, high = region.threshold
+    msg = (
+        f"The separated region {reach} ({share:.0%} of it): with the threshold {low:.6g} to {high:.6g} it is "
+        "not one organ. Narrow the threshold or increase the erosion."
+    )
+    raise ValueError(msg)
+
+
+def check_pieces(region):
+    """Refuse a region of several pieces."""
+    count = pieces(region.mask)
+    if count > 1:
+        low, high = region.threshold
+        remedy = "widen the threshold or lower the erosion" if region.erosion else "widen the threshold"
+        msg = (
+            f"The separated region falls into {count} pieces, which one closed surface cannot hold (threshold "
+            f"{low:.6g} to {high:.6g}, erosion {region.erosion:g} mm). Fit them one by one, or {remedy} so that they "
+            "join."
+        )
+        raise ValueError(msg)
+
+
+def warnings(region, edges, volume):
+    """Tell of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
+    if volume <= LEAK_FACTOR * edges.volume:
+        return ()
+    spanned = edges.volume / 1000.0
+    low, high = region.threshold
+    return (
+        f"The separated region of {region.volume_ml:.1f} ml is larger than the {spanned:.1f} ml seen from the seeds; "
+        f"it may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {region.erosion:g} mm). "
+        "Look at the contour; if it has, narrow the threshold or increase the erosion.",
+    )
+
+
+def place(seed):
+    """Write a place for a message."""
+    return "({:.1f}, {:.1f}, {:.1f}) mm".format(*seed)

@@ -1,0 +1,202 @@
+"""What a surface is compared with: a segment or another model, brought to where the surface lies."""
+
+from __future__ import annotations
+
+import numpy as np
+import slicer
+import vtk
+from slicer.i18n import tr as _
+from vtk.util.numpy_support import vtk_to_numpy
+
+from .surfaces import carriesSurface, surfaceFromModel
+from .volumes import transformedPoints
+
+# Of the triangles that stand for an exact surface under a transform that bends it, mm.
+_CHORD_ERROR_MM = 0.02
+
+
+def referenceFor(modelNode, reference, segmentId=""):
+    """Bring a reference into the local frame of a model.
+
+    Parameters
+    ----------
+    modelNode : vtkMRMLModelNode
+    reference : vtkMRMLSegmentationNode or vtkMRMLModelNode
+        Under any transform.
+    segmentId : str
+        ID of the segment in a segmentation.
+
+    Returns
+    -------
+    BSplineSurface or ReferenceMesh
+        Local RAS mm of the model. A model that carries a B-spline surface is taken by that, not by its triangles,
+        unless a transform bends it. A segment is taken by its voxels, on its own grid and without smoothing.
+
+    Raises
+    ------
+    ValueError
+        If there is no reference, it is the model itself, or it has nothing to measure against.
+    """
+    if reference is None or reference.GetScene() is None:
+        raise ValueError(
+            _("No reference is chosen; a segment or a model is needed to compare with. Choose one in the scene.")
+        )
+    if reference is modelNode:
+        raise ValueError(
+            _("The model {name} is the surface of the organ itself; choose another one to compare it with.").format(
+                name=reference.GetName()
+            )
+        )
+    if reference.IsA("vtkMRMLSegmentationNode"):
+        found = _meshOfSegment(reference, segmentId)
+    elif reference.IsA("vtkMRMLModelNode"):
+        found = surfaceFromModel(reference) if carriesSurface(reference) else _meshOfModel(reference)
+    else:
+        raise ValueError(
+            _("The input {name} is no reference; a segmentation or a model of the scene is needed.").format(
+                name=reference.GetName()
+            )
+        )
+    return _moved(found, reference.GetParentTransformNode(), modelNode.GetParentTransformNode())
+
+
+def referenceName(reference, segmentId=""):
+    """Name of a reference for a table.
+
+    Parameters
+    ----------
+    reference : vtkMRMLSegmentationNode or vtkMRMLModelNode
+    segmentId : str
+
+    Returns
+    -------
+    str
+        "segmentation: segment", or that of the model.
+    """
+    if not reference.IsA("vtkMRMLSegmentationNode"):
+        return reference.GetName()
+    return f"{reference.GetName()}: {reference.GetSegmentation().GetSegment(segmentId).GetName()}"
+
+
+def segmentIdOf(reference, segment=None):
+    """ID of a segment that is told by its ID, its name, or by being the only one.
+
+    Parameters
+    ----------
+    reference : vtkMRMLNode
+    segment : str, optional
+
+    Returns
+    -------
+    str
+        Empty for what is no segmentation, or has no such segment.
+    """
+    if reference is None or not reference.IsA("vtkMRMLSegmentationNode"):
+        return ""
+    segmentation = reference.GetSegmentation()
+    if segment is None:
+        return segmentation.GetNthSegmentID(0) if segmentation.GetNumberOfSegments() == 1 else ""
+    if segmentation.GetSegment(segment) is not None:
+        return segment
+    return segmentation.GetSegmentIdBySegmentName(segment)
+
+
+def _meshOfSegment(node, segmentId):
+    """Triangles around a segment's voxels, or those of the surface that it was imported as; local RAS mm."""
+    segment = node.GetSegmentation().GetSegment(segmentId) if segmentId else None
+    if segment is None:
+        raise ValueError(
+            _("No segment of {name} is chosen; one is needed to compare with. Choose a segment.").format(
+                name=node.GetName()
+            )
+        )
+    found = None
+    if node.GetSegmentation().IsSourceRepresentationPolyData():
+        data = vtk.vtkPolyData()
+        if node.GetClosedSurfaceRepresentation(segmentId, data):
+            found = _triangles(data)
+    else:
+        found = _meshOfVoxels(node, segmentId)
+    if found is None:
+        raise ValueError(
+            _("The segment {segment} is empty; it must cover the organ. Choose another segment, or paint it.").format(
+                segment=segment.GetName()
+            )
+        )
+    return found
+
+
+def _meshOfVoxels(node, segmentId):
+    """Triangles half-way between the voxels of a segment and those around it, or None if it has none."""
+    from ..analysis.deviation import mesh_of_mask
+    from ..imaging.image import Image
+
+    labelmap = slicer.vtkOrientedImageData()
+    if not node.GetBinaryLabelmapRepresentation(segmentId, labelmap) or labelmap.IsEmpty():
+        return None
+    scalars = labelmap.GetPointData().GetScalars()
+    mask = vtk_to_numpy(scalars).reshape(labelmap.GetDimensions()[::-1]) > 0
+    if not mask.any():
+        return None
+    toLocal = vtk.vtkMatrix4x4()
+    labelmap.GetImageToWorldMatrix(toLocal)
+    matrix = slicer.util.arrayFromVTKMatrix(toLocal)
+    # An image needs two voxels along every axis, and a segment may have one.
+    first = np.array(labelmap.GetExtent()[::2], dtype=float) - 1.0
+    matrix[:3, 3] += matrix[:3, :3] @ first
+    return mesh_of_mask(Image(np.pad(mask, 1), matrix))
+
+
+def _meshOfModel(node):
+    """Triangles of a model, of tetrahedra the outer ones; local RAS mm."""
+    data = node.GetMesh()
+    if data is not None and not data.IsA("vtkPolyData"):
+        outer = vtk.vtkGeometryFilter()
+        outer.SetInputData(data)
+        outer.Update()
+        data = outer.GetOutput()
+    found = _triangles(data) if data is not None else None
+    if found is None:
+        raise ValueError(
+            _("The model {name} has no triangles; a closed surface is needed to compare with. Choose another.").format(
+                name=node.GetName()
+            )
+        )
+    return found
+
+
+def _triangles(data):
+    """Triangles of polygons, or None where there are none."""
+    from ..analysis.deviation import ReferenceMesh
+
+    cut = vtk.vtkTriangleFilter()
+    cut.SetInputData(data)
+    cut.PassLinesOff()
+    cut.PassVertsOff()
+    cut.Update()
+    triangles = cut.GetOutput()
+    if not triangles.GetNumberOfPolys():
+        return None
+    corners = vtk_to_numpy(triangles.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    return ReferenceMesh(vtk_to_numpy(triangles.GetPoints().GetData()).astype(float), corners)
+
+
+def _moved(reference, source, target):
+    """Take a reference from below one transform node to below another; which way its normals point is not kept."""
+    from ..analysis.deviation import ReferenceMesh
+    from ..geometry.surface import BSplineSurface
+    from ..geometry.triangulation import triangulate
+
+    if source is target:
+        return reference
+    if isinstance(reference, BSplineSurface):
+        matrix = vtk.vtkMatrix4x4()
+        if _isLinear(source, target):
+            slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(source, target, matrix)
+            return reference.transformed(slicer.util.arrayFromVTKMatrix(matrix))
+        reference = triangulate(reference, chord_error=_CHORD_ERROR_MM)
+    return ReferenceMesh(transformedPoints(source, target, reference.points), reference.triangles)
+
+
+def _isLinear(source, target):
+    return all(node is None or node.IsTransformToWorldLinear() for node in (source, target))
