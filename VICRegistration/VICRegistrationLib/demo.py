@@ -16,7 +16,7 @@ from pathlib import Path
 from .analysis.deviation import deviation
 from .analysis.reference_files import ReadReference
 from .cli.fitting import fit_to_folder
-from .cli.outputs import OVERVIEW, FittedOrgan
+from .cli.outputs import OVERVIEW, PAGE, FittedOrgan
 from .cli.references import OrganReference
 from .cli.requests import read_requests
 from .cli.words import aligned
@@ -64,6 +64,7 @@ def run_demo(directory: Path) -> Path:
     _write_mesh(organs, directory / "mesh")
     print("\nDeviation of the fitted surfaces from the true ones (signed: positive is outside of the truth):\n")
     print(deviation_table(organs, phantom.surfaces))
+    print(f"\nEverything on one page: {(directory / 'organs' / PAGE).resolve()}")
     return directory / "organs" / (OVERVIEW if len(organs) > 1 else f"{organs[0].name}.png")
 
 

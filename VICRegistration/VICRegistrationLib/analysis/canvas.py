@@ -126,7 +126,7 @@ def indexed_png(content: bytes) -> bytes:
         reduced = Image.fromarray(pixels[coloured][None].astype(np.uint8)).quantize(256 - _GREYS)
         numbers[coloured] = _GREYS + np.asarray(reduced)[0]
         colours += reduced.getpalette()[: 3 * (256 - _GREYS)]
-    indexed = Image.fromarray(numbers, "L")
+    indexed = Image.fromarray(numbers)
     indexed.putpalette(colours)
     smaller = io.BytesIO()
     indexed.save(smaller, format="png", optimize=True)

@@ -222,6 +222,10 @@ def _add_fit(subparsers) -> None:
         help="width of the edge in the image (default: from the voxels)",
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
+    _add_fit_outputs(fit)
+
+
+def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     beside = fit.add_argument_group("a reference for the pictures and report.html, as of compare")
     beside.add_argument(
         "--reference", metavar="FILE", help="label image, mesh, surface, or a folder of them: shown beside the fit"

@@ -83,12 +83,8 @@ def fit_to_folder(
         organs = tuple(_fitted(image, request, say) for request in requests)
         for organ in organs:
             write_organ(organ, drafts)
-            for warning in warnings_about(image, organ.fit):
-                say(f"{organ.name}: warning: {warning}")
+            _tell_warnings(organ, image, say, step=step)
         solids = write_solids(organs, drafts) if step else ()
-        for organ in organs:
-            if step and organ.fit.problems:
-                say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
         if pictures:
             source = Source(str(image_path), series or "")
             _write_pictures(organs, drafts, image, source, references=references or {}, solids=solids, say=say)
@@ -103,6 +99,13 @@ def fit_to_folder(
         )
     say(f"written to {Path(folder)}: {', '.join(organ.name for organ in organs)}")
     return organs
+
+
+def _tell_warnings(organ: FittedOrgan, image: Image, say: Callable[[str], None], *, step: bool) -> None:
+    for warning in warnings_about(image, organ.fit):
+        say(f"{organ.name}: warning: {warning}")
+    if step and organ.fit.problems:
+        say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
 def _write_pictures(

@@ -110,7 +110,9 @@ def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None) -> 
     if found is not None:
         compared = Compared(found.against, found.comparison, found.mesh, found.distances)
         reference = found.read.reference
-    about_reference = [] if found is None else [f"The comparison {warning}." for warning in found.warnings]
+    about_reference = (
+        [] if found is None else [f"Comparison with the reference: {warning}." for warning in found.warnings]
+    )
     return ReportedOrgan(
         name=organ.name,
         fit=fit,

@@ -197,7 +197,7 @@ def _convergence(organ: ReportedOrgan) -> Html:
     caption = "Cost of every iteration; those of different stages are not to be compared with one another."
     picture = png_picture(organ.figures.convergence, alt=alt, caption=caption)
     titles = ("stage", "iterations", "cost, first", "cost, last", "how it ended")
-    return joined(_together("Convergence", picture), table(titles, rows))
+    return _together("Convergence", picture, table(titles, rows))
 
 
 def _inputs(organ: ReportedOrgan) -> Html:
