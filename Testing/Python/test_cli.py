@@ -62,7 +62,7 @@ def report(fitted):
 
 def test_every_file_of_the_organ_is_there(fitted, report):
     expected = ["bladder.json", "bladder.png", "bladder.stl", "bladder.vtp", "bladder_convergence.csv"]
-    assert sorted(path.name for path in fitted.iterdir()) == [*expected, "report.json"]
+    assert sorted(path.name for path in fitted.iterdir()) == [*expected, "report.html", "report.json"]
     assert sorted(report["organs"]["bladder"]["files"]) == expected
 
 

@@ -12,7 +12,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
-PACKAGES = {"geometry", "imaging", "registration", "analysis", "export", "meshing", "simulation", "mrml", "gui"}
+PACKAGES = {
+    "geometry",
+    "imaging",
+    "registration",
+    "analysis",
+    "export",
+    "reporting",
+    "meshing",
+    "simulation",
+    "mrml",
+    "gui",
+}
 SLICER_NAMES = {"slicer", "qt", "ctk", "SampleData", "MRMLCorePython"}
 ICONS = [ROOT / "Resources" / "VICRegistration.png", MODULE / "Resources" / "Icons" / "VICRegistration.png"]
 
@@ -127,8 +138,9 @@ def test_the_licence_is_apache_2():
         ("geometry", {"geometry"}),
         ("imaging", {"imaging"}),
         ("registration", {"registration", "geometry", "imaging"}),
-        ("analysis", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
-        ("export", PACKAGES - {"mrml", "gui", "meshing", "simulation"}),
+        ("analysis", PACKAGES - {"mrml", "gui", "meshing", "simulation", "reporting"}),
+        ("export", PACKAGES - {"mrml", "gui", "meshing", "simulation", "reporting"}),
+        ("reporting", {"reporting", "analysis", "registration", "geometry", "imaging"}),
         ("meshing", {"meshing", "analysis", "export", "geometry"}),
         ("simulation", {"simulation", "meshing", "export", "analysis", "geometry"}),
         ("mrml", PACKAGES - {"gui"}),

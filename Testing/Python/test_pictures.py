@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
-from VICRegistrationLib.analysis import pictures
+from VICRegistrationLib.analysis import panels, pictures
 from VICRegistrationLib.analysis.shading import Camera, shaded_triangles
 from VICRegistrationLib.analysis.slicing import (
     AXIAL,
@@ -117,7 +117,7 @@ def test_known_organs_have_their_colours_and_others_differ():
 
 
 def test_pictures_are_written(tmp_path, image, fit):
-    pictures.organ_picture(tmp_path / "organ.png", image, fit, "bladder", truth=ellipsoid())
+    pictures.organ_picture(tmp_path / "organ.png", image, fit, "bladder", reference=ellipsoid())
     pictures.overview_picture(tmp_path / "all.png", image, {"bladder": fit})
     for name in ("organ.png", "all.png"):
         content = (tmp_path / name).read_bytes()
@@ -148,7 +148,7 @@ def test_the_header_tells_what_to_look_at(fit):
 
 def test_the_planes_of_an_overview_cut_as_many_organs_as_they_can():
     low, high = np.array([[0.0, 0, 0], [40.0, 1, 1]]), np.array([[10.0, 10, 10], [44.0, 9, 9]])
-    axial, coronal, sagittal = pictures._views(low, high)
+    axial, coronal, sagittal = panels._views(low, high)
     np.testing.assert_array_equal(axial.center, [22.0, 5.0, 5.0])
     np.testing.assert_array_equal(coronal.center, [22.0, 5.0, 5.0])
     # The middle, R 22, is beside both organs; the middle of the first is 17 mm from it, that of the second 20 mm.
@@ -170,6 +170,6 @@ def test_without_matplotlib_the_way_out_is_told(tmp_path, image, fit):
 def test_a_surface_that_was_fitted_again_is_drawn_without_a_region(tmp_path, image, fit):
     again = finish(refit(image, fit.surface))
     assert again.region is None
-    pictures.organ_picture(tmp_path / "again.png", image, again, "bladder", truth=ellipsoid())
+    pictures.organ_picture(tmp_path / "again.png", image, again, "bladder", reference=ellipsoid())
     assert (tmp_path / "again.png").read_bytes().startswith(PNG)
     assert pictures.alarm(again) == ""

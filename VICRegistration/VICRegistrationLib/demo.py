@@ -14,8 +14,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .analysis.deviation import deviation
+from .analysis.reference_files import ReadReference
 from .cli.fitting import fit_to_folder
-from .cli.outputs import OVERVIEW, FittedOrgan
+from .cli.outputs import OVERVIEW, PAGE, FittedOrgan
+from .cli.references import OrganReference
 from .cli.requests import read_requests
 from .cli.words import aligned
 from .files import replacing_folder
@@ -56,13 +58,21 @@ def run_demo(directory: Path) -> Path:
         read_requests(directory / "phantom" / "organs.json"),
         directory / "organs",
         step=True,
-        truths=phantom.surfaces,
+        references=_references(phantom.surfaces, directory / "phantom" / "truth"),
         say=_say,
     )
     _write_mesh(organs, directory / "mesh")
     print("\nDeviation of the fitted surfaces from the true ones (signed: positive is outside of the truth):\n")
     print(deviation_table(organs, phantom.surfaces))
+    print(f"\nEverything on one page: {(directory / 'organs' / PAGE).resolve()}")
     return directory / "organs" / (OVERVIEW if len(organs) > 1 else f"{organs[0].name}.png")
+
+
+def _references(truths: Mapping[str, BSplineSurface], folder: Path) -> dict[str, OrganReference]:
+    """Take true surfaces as references, under the names of their files."""
+    return {
+        name: OrganReference(ReadReference(truth, "surface"), folder / f"{name}.json") for name, truth in truths.items()
+    }
 
 
 def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:

@@ -6,9 +6,13 @@ import io
 import os
 import warnings
 
+import numpy as np
+
 from ..files import replacing
 
 _DPI = 130
+# Of a palette; and how far apart red, green and blue of a grey may be.
+_GREYS, _GREYISH = 80, 8
 
 
 def require_matplotlib(*, otherwise: str = ", or leave the pictures out with --no-pictures") -> None:
@@ -95,6 +99,38 @@ def png_bytes(figure) -> bytes:
         warnings.simplefilter("ignore", UserWarning)
         figure.savefig(content, format="png")
     return content.getvalue()
+
+
+def indexed_png(content: bytes) -> bytes:
+    """Make a PNG file smaller by a palette of 256 colours, which slices and lit surfaces do not need more of.
+
+    Parameters
+    ----------
+    content : bytes
+        PNG file.
+
+    Returns
+    -------
+    bytes
+    """
+    # matplotlib needs Pillow, so that it is there.
+    from PIL import Image
+
+    with Image.open(io.BytesIO(content)) as file:
+        pixels = np.asarray(file.convert("RGB")).astype(np.int16)
+    # An even scale for greys: a slice has so many of them that thin contours would be left without their colours.
+    coloured = np.ptp(pixels, axis=2) > _GREYISH
+    numbers = np.rint(pixels.mean(axis=2) * (_GREYS - 1) / 255.0).astype(np.uint8)
+    colours = np.repeat(np.rint(np.linspace(0.0, 255.0, _GREYS)).astype(int), 3).tolist()
+    if coloured.any():
+        reduced = Image.fromarray(pixels[coloured][None].astype(np.uint8)).quantize(256 - _GREYS)
+        numbers[coloured] = _GREYS + np.asarray(reduced)[0]
+        colours += reduced.getpalette()[: 3 * (256 - _GREYS)]
+    indexed = Image.fromarray(numbers)
+    indexed.putpalette(colours)
+    smaller = io.BytesIO()
+    indexed.save(smaller, format="png", optimize=True)
+    return smaller.getvalue()
 
 
 def literal(text: str) -> str:

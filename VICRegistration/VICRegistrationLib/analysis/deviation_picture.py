@@ -66,18 +66,50 @@ def deviation_figure(mesh: TriangleMesh, distances: np.ndarray, comparison: Comp
         If matplotlib is not installed.
     """
     figure = blank_figure((13.0, 8.4))
-    limit = colour_limit(distances)
     figure.text(0.03, 0.968, literal(name), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
     figure.text(0.03, 0.922, literal(f"compared with {against}"), size=10.5, color=_TEXT_COLOUR, va="top")
-    draw_sides(figure, (0.01, 0.50, 0.98, 0.35), mesh, distances, limits=(-limit, limit), colour_map=COLOUR_MAP)
-    label = "distance of the fitted surface from the reference, mm (positive: outside of it)"
-    beyond = distances.min() < -limit, distances.max() > limit
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
-    place = (0.25, 0.47, 0.50, 0.018)
-    draw_colour_bar(figure, place, limits=(-limit, limit), colour_map=COLOUR_MAP, label=label, extend=extend)
+    limit = _draw_map(figure, mesh, distances, sides=(0.50, 0.35), bar=(0.47, 0.018))
     _draw_histogram(figure.add_axes((0.06, 0.075, 0.43, 0.29)), comparison, limit)
     _draw_table(figure, comparison)
     return figure
+
+
+def deviation_map(mesh: TriangleMesh, distances: np.ndarray, comparison: Comparison):
+    """Draw the coloured surface from four sides and the histogram, without words: for a page that has its own.
+
+    Parameters
+    ----------
+    mesh, distances, comparison
+        As for `deviation_figure`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    """
+    figure = blank_figure((11.0, 4.8))
+    limit = _draw_map(figure, mesh, distances, sides=(0.50, 0.445), bar=(0.455, 0.024))
+    _draw_histogram(figure.add_axes((0.17, 0.10, 0.66, 0.22)), comparison, limit)
+    return figure
+
+
+def _draw_map(
+    figure, mesh: TriangleMesh, distances: np.ndarray, *, sides: tuple[float, float], bar: tuple[float, float]
+) -> float:
+    """Draw the coloured surface and its scale, each at (bottom, height); returns the end of the colours, mm."""
+    limit = colour_limit(distances)
+    limits = (-limit, limit)
+    draw_sides(figure, (0.01, sides[0], 0.98, sides[1]), mesh, distances, limits=limits, colour_map=COLOUR_MAP)
+    label = "distance of the fitted surface from the reference, mm (positive: outside of it)"
+    beyond = distances.min() < -limit, distances.max() > limit
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
+    place = (0.25, bar[0], 0.50, bar[1])
+    draw_colour_bar(figure, place, limits=limits, colour_map=COLOUR_MAP, label=label, extend=extend)
+    return limit
 
 
 def colour_limit(distances: np.ndarray) -> float:
@@ -113,7 +145,7 @@ def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
     axes.axvline(0.0, color="#9aa1ac", linewidth=0.8)
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("signed distance, mm", color=_TEXT_COLOUR)
-    axes.set_ylabel("share of the area, %", color=_TEXT_COLOUR)
+    axes.set_ylabel("area, %", color=_TEXT_COLOUR)
     axes.margins(y=0.25)
     handles = {Patch(color="#c3c9d3"): "from the fitted surface", line: "from the reference"}
     axes.legend(list(handles), list(handles.values()), fontsize=8.5, frameon=False, loc="upper left")

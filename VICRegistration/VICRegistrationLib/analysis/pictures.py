@@ -4,42 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
-import numpy as np
-
-from ..geometry.surface import BSplineSurface
-from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.image import Image
-from ..imaging.sampling import Sampler
 from ..registration.organ import OrganFit
 from .canvas import blank_figure, literal, save_figure
-from .deviation import deviation
-from .shading import Camera, shaded_triangles
-from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
+from .deviation import Reference, deviation
+from .panels import TEXT_COLOUR, Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
 
 ORGAN_COLOURS = {"bladder": "#f5b82e", "vagina": "#ea6a9d", "rectum": "#4fb477", "uterus": "#9a7be0"}
 _OTHER_COLOURS = ("#3f9be0", "#e8743b", "#35b8b1", "#b58a5b")
-_TRUTH_COLOUR = "#49d6ff"
-_REGION_COLOUR = "#ffffff"
-_OUTSIDE_COLOUR = "#1b1f27"
-_TEXT_COLOUR = "#2b2f36"
+REFERENCE_COLOUR = "#49d6ff"
 _ALARM_COLOUR = "#c4161c"
-_STAGE_COLOURS = ("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6")
 # Seen from the patient's left, from the front and from above: organs of the pelvis do not hide one another.
-_VIEWER = (-0.80, 0.52, 0.30)
-_FRONT_VIEWER = (0.30, 0.90, 0.30)
-_MARGIN_MM = 18.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """One surface of a picture."""
-
-    mesh: TriangleMesh
-    colour: str
-    label: str
-    dashed: bool = False
+VIEWERS = ((-0.80, 0.52, 0.30), (0.30, 0.90, 0.30))
+_ROW = (0.475, 0.40)
 
 
 def organ_colours(names: Sequence[str]) -> dict[str, str]:
@@ -65,7 +43,7 @@ def organ_picture(
     fit: OrganFit,
     name: str,
     *,
-    truth: BSplineSurface | None = None,
+    reference: Reference | None = None,
     n_warnings: int = 0,
 ) -> None:
     """Draw three slices with the contour, a 3D view and the convergence of one organ.
@@ -79,7 +57,7 @@ def organ_picture(
     fit : OrganFit
     name : str
         Name of the organ.
-    truth : BSplineSurface, optional
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh, optional
         Its contour is drawn too, and the deviation from it told.
     n_warnings : int
         How many warnings the report holds about the organ; told in the header.
@@ -92,16 +70,13 @@ def organ_picture(
         If the file cannot be written.
     """
     colour = organ_colours([name])[name]
-    surfaces = [_Shown(_fine_mesh(fit.surface), colour, "fitted surface")]
-    contours = list(surfaces)
-    if truth is not None:
-        contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "truth", dashed=True))
-    figure = _figure(name, _summary(fit, truth), alarm=alarm(fit, n_warnings=n_warnings))
+    surfaces, contours = shown_organ(fit, colour, reference)
+    figure = _figure(name, _summary(fit, reference), alarm=alarm(fit, n_warnings=n_warnings))
     # A surface that was fitted again may have no region.
     region = None if fit.region is None else fit.region.image
-    _draw_slices(figure, image, surfaces, contours, region=region)
-    _draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, _VIEWER)
-    _draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
+    draw_slices(figure, _ROW, image, surfaces, contours, region=region)
+    draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, VIEWERS[0])
+    draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
     save_figure(figure, path)
 
 
@@ -110,7 +85,7 @@ def overview_picture(
     image: Image,
     fits: Mapping[str, OrganFit],
     *,
-    truths: Mapping[str, BSplineSurface] | None = None,
+    references: Mapping[str, Reference] | None = None,
 ) -> None:
     """Draw all organs in three slices and in 3D.
 
@@ -122,7 +97,7 @@ def overview_picture(
         The grey levels that were fitted.
     fits : mapping of str to OrganFit
         By the organs' names.
-    truths : mapping of str to BSplineSurface, optional
+    references : mapping of str to BSplineSurface, TriangleMesh or ReferenceMesh, optional
         By the organs' names; their contours are drawn too.
 
     Raises
@@ -138,22 +113,42 @@ def overview_picture(
         msg = "No organ was given; an overview needs at least one."
         raise ValueError(msg)
     colours = organ_colours(list(fits))
-    surfaces = [_Shown(_fine_mesh(fit.surface), colours[name], name) for name, fit in fits.items()]
+    surfaces = [Shown(fine_mesh(fit.surface), colours[name], name) for name, fit in fits.items()]
     contours = list(surfaces)
-    for number, truth in enumerate((truths or {}).values()):
-        contours.append(_Shown(_fine_mesh(truth), _TRUTH_COLOUR, "" if number else "truth", dashed=True))
+    for number, reference in enumerate((references or {}).values()):
+        contours.append(Shown(fine_mesh(reference), REFERENCE_COLOUR, "" if number else "reference", dashed=True))
     volumes = ", ".join(f"{name} {fit.surface.volume() / 1000.0:.1f} ml" for name, fit in fits.items())
     figure = _figure("Fitted organs", [volumes])
-    _draw_slices(figure, image, surfaces, contours)
-    for number, viewer in enumerate((_VIEWER, _FRONT_VIEWER)):
-        _draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
+    draw_slices(figure, _ROW, image, surfaces, contours)
+    for number, viewer in enumerate(VIEWERS):
+        draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
     save_figure(figure, path)
+
+
+def shown_organ(fit: OrganFit, colour: str, reference: Reference | None) -> tuple[list[Shown], list[Shown]]:
+    """Surface of an organ, and the contours that slices of it show.
+
+    Parameters
+    ----------
+    fit : OrganFit
+    colour : str
+        As "#rrggbb".
+    reference : BSplineSurface, TriangleMesh or ReferenceMesh, optional
+
+    Returns
+    -------
+    surfaces, contours : list of Shown
+    """
+    surfaces = [Shown(fine_mesh(fit.surface), colour, "fitted surface")]
+    if reference is None:
+        return surfaces, surfaces
+    return surfaces, [*surfaces, Shown(fine_mesh(reference), REFERENCE_COLOUR, "reference", dashed=True)]
 
 
 def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
     figure = blank_figure((13.0, 9.6))
-    figure.text(0.02, 0.972, literal(title), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
-    figure.text(0.02, 0.937, literal("\n".join(lines)), size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    figure.text(0.02, 0.972, literal(title), size=19, weight="bold", color=TEXT_COLOUR, va="top")
+    figure.text(0.02, 0.937, literal("\n".join(lines)), size=10.5, color=TEXT_COLOUR, va="top", linespacing=1.45)
     figure.text(0.98, 0.968, alarm, size=13, weight="bold", color=_ALARM_COLOUR, va="top", ha="right")
     return figure
 
@@ -179,7 +174,7 @@ def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:
     return "   ·   ".join(parts)
 
 
-def _summary(fit: OrganFit, truth: BSplineSurface | None) -> list[str]:
+def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
     """Tell the result in one line or two."""
     separated = "" if fit.region is None else f" (separated {fit.region.volume_ml:.1f} ml)"
     parts = [
@@ -190,205 +185,10 @@ def _summary(fit: OrganFit, truth: BSplineSurface | None) -> list[str]:
         f"{fit.seconds:.2f} s",
     ]
     lines = ["   ·   ".join(parts)]
-    if truth is not None:
-        found = deviation(fit.surface, truth, n_points=2000)
+    if reference is not None:
+        found = deviation(fit.surface, reference, n_points=2000)
         lines.append(
-            f"deviation from the truth: mean {found.mean:.2f} mm, signed {found.mean_signed:+.2f} mm, "
+            f"deviation from the reference: mean {found.mean:.2f} mm, signed {found.mean_signed:+.2f} mm, "
             f"95 % below {found.p95:.2f} mm, largest {found.maximum:.2f} mm"
         )
     return lines
-
-
-def _fine_mesh(surface: BSplineSurface) -> TriangleMesh:
-    """Triangles small enough to look smooth."""
-    return triangulate(surface, resolution=(128, 80))
-
-
-def _framing(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre and half width (mm) of a cube around boxes (n, 3), with a margin."""
-    low, high = low.min(axis=0), high.max(axis=0)
-    return (low + high) / 2.0, float((high - low).max()) / 2.0 + _MARGIN_MM
-
-
-def _views(low: np.ndarray, high: np.ndarray) -> list[View]:
-    """Squares around boxes (n, 3), in the planes nearest to the middle that cut the most of them."""
-    center, half_width = _framing(low, high)
-    views = []
-    for orientation in ORIENTATIONS:
-        normal = np.abs(np.cross(orientation.right, orientation.up)).argmax()
-        place = center.copy()
-        place[normal] = _cutting_most(low[:, normal], high[:, normal], center[normal])
-        views.append(View(orientation, place, half_width))
-    return views
-
-
-def _cutting_most(low: np.ndarray, high: np.ndarray, middle: float) -> float:
-    """Place in the most of several intervals (n,), the one nearest to the middle of all of them."""
-    ends = np.sort(np.concatenate([low, high]))
-    places = np.array([middle, *((ends[1:] + ends[:-1]) / 2.0)])
-    counts = ((low < places[:, None]) & (places[:, None] < high)).sum(axis=1)
-    return float(min(places[counts == counts.max()], key=lambda place: abs(place - middle)))
-
-
-def _draw_slices(
-    figure, image: Image, framed: Sequence[_Shown], contours: Sequence[_Shown], *, region: Image | None = None
-) -> None:
-    """Draw axial, coronal and sagittal slices of some surfaces side by side, on one scale of mm and of grey."""
-    low = np.array([shown.mesh.points.min(axis=0) for shown in framed])
-    high = np.array([shown.mesh.points.max(axis=0) for shown in framed])
-    views = _views(low, high)
-    sampler = Sampler(surrounding_crop(image, *_framing(low, high)))
-    region_sampler = None if region is None else Sampler(region)
-    slices = [slice_of(sampler, view) for view in views]
-    known = np.concatenate([grey.compressed() for grey in slices])
-    window = np.percentile(known, (1.0, 99.5)) if len(known) else (0.0, 1.0)
-    for number, (view, grey) in enumerate(zip(views, slices)):
-        axes = figure.add_axes((0.02 + 0.325 * number, 0.475, 0.31, 0.40))
-        axes.set_facecolor(_OUTSIDE_COLOUR)
-        axes.imshow(
-            grey,
-            origin="lower",
-            extent=view.extent,
-            cmap="gray",
-            vmin=window[0],
-            vmax=window[1],
-            interpolation="bilinear",
-        )
-        if region_sampler is not None:
-            _draw_region(axes, region_sampler, view)
-        for shown in contours:
-            _draw_contour(axes, shown, view)
-        _annotate_slice(axes, view)
-    _draw_legend(figure.axes[-3], contours, with_region=region is not None)
-
-
-def _draw_region(axes, sampler: Sampler, view: View) -> None:
-    inside = slice_of(sampler, view, count=300).filled(0.0)
-    if inside.max() > 0.5 > inside.min():
-        axes.contour(
-            inside,
-            levels=[0.5],
-            origin="lower",
-            extent=view.extent,
-            colors=[_REGION_COLOUR],
-            linewidths=0.8,
-            linestyles="dotted",
-        )
-
-
-def _draw_contour(axes, shown: _Shown, view: View) -> None:
-    for line in cut(shown.mesh, view):
-        style = {"linestyle": (0, (3, 2)), "linewidth": 1.1} if shown.dashed else {"linewidth": 1.7}
-        axes.plot(*line.T, color=shown.colour, solid_joinstyle="round", **style)
-
-
-def _annotate_slice(axes, view: View) -> None:
-    """Letters of the patient's sides, the name of the view and a scale."""
-    left, right, bottom, top = view.extent
-    axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-    places = ((0.02, 0.5, "left", "center"), (0.98, 0.5, "right", "center"))
-    places += ((0.5, 0.02, "center", "bottom"), (0.5, 0.98, "center", "top"))
-    for letter, (x, y, horizontal, vertical) in zip(view.orientation.labels, places):
-        _text(axes, x, y, letter, size=12, weight="bold", ha=horizontal, va=vertical)
-    _text(axes, 0.02, 0.98, f"{view.orientation.name}  {view.position}", size=9.5, ha="left", va="top")
-    length = _scale_length(view.half_width)
-    x, y = right - 0.04 * (right - left), bottom + 0.05 * (top - bottom)
-    axes.plot([x - length, x], [y, y], color="white", linewidth=2.2, solid_capstyle="butt")
-    _text(axes, 0.96 - length / (right - left) / 2.0, 0.065, f"{length} mm", size=9, ha="center", va="bottom")
-
-
-def _text(axes, x: float, y: float, text: str, **style) -> None:
-    """White text that can be read on any grey."""
-    from matplotlib.patheffects import withStroke
-
-    outline = [withStroke(linewidth=2.6, foreground="#101318")]
-    axes.text(x, y, text, transform=axes.transAxes, color="white", path_effects=outline, **style)
-
-
-def _scale_length(half_width: float) -> int:
-    """Length of a scale bar that takes up to a third of the width, mm."""
-    return max((length for length in (5, 10, 20, 50, 100) if length <= 0.66 * half_width), default=5)
-
-
-def _draw_legend(axes, contours: Sequence[_Shown], *, with_region: bool) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=shown.colour, lw=1.8, ls="--" if shown.dashed else "-")
-        for shown in contours
-        if shown.label
-    ]
-    labels = [shown.label for shown in contours if shown.label]
-    if with_region:
-        handles.append(Line2D([], [], color=_REGION_COLOUR, lw=1.0, ls=":"))
-        labels.append("separated region")
-    legend = axes.legend(
-        handles=handles,
-        labels=["-"] * len(labels),
-        loc="lower left",
-        fontsize=8.5,
-        labelcolor="white",
-        facecolor="#00000080",
-        edgecolor="none",
-        borderpad=0.5,
-    )
-    # Set only now: matplotlib leaves labels out that begin with an underscore.
-    for text, label in zip(legend.get_texts(), labels):
-        text.set_text(literal(label))
-
-
-def _draw_scene(axes, surfaces: Sequence[_Shown], viewer: Sequence[float]) -> None:
-    """Draw lit surfaces, seen from a direction (RAS), with a scale and the patient's directions."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgb
-
-    camera = Camera.from_direction(viewer)
-    corners, shades = shaded_triangles(
-        [shown.mesh for shown in surfaces], [to_rgb(shown.colour) for shown in surfaces], camera
-    )
-    # Edges in the colour of the faces close the hairlines that antialiasing leaves between neighbours.
-    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    space = 0.22 * (high - low).max()
-    axes.set(xlim=(low[0] - 1.1 * space, high[0] + 0.5 * space), ylim=(low[1] - space, high[1] + 0.15 * space))
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    origin = np.array([low[0] - 0.45 * space, low[1] - 0.45 * space])
-    for direction, letter in (((-1, 0, 0), "L"), ((0, 1, 0), "A"), ((0, 0, 1), "S")):
-        tip = 0.5 * space * camera.project(np.array(direction, dtype=float))
-        arrow = {"arrowstyle": "-|>", "color": _TEXT_COLOUR, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", xy=origin + tip, xytext=origin, arrowprops=arrow)
-        axes.text(*(origin + 1.28 * tip), letter, size=10, ha="center", va="center", color=_TEXT_COLOUR)
-    length = _scale_length(float((high - low).max()) / 2.0)
-    end = np.array([high[0] + 0.2 * space, low[1] - 0.7 * space])
-    axes.plot([end[0] - length, end[0]], [end[1]] * 2, color=_TEXT_COLOUR, linewidth=2.4, solid_capstyle="butt")
-    axes.text(end[0] - length / 2.0, end[1] + 0.06 * space, f"{length} mm", size=9, ha="center", color=_TEXT_COLOUR)
-
-
-def _draw_convergence(axes, fit: OrganFit) -> None:
-    """Draw the cost against the iteration, stage by stage."""
-    stages = list(dict.fromkeys(step.stage for step in fit.history))
-    first = 1
-    for number, stage in enumerate(stages):
-        costs = np.array([step.cost for step in fit.history if step.stage == stage])
-        colour = _STAGE_COLOURS[number % len(_STAGE_COLOURS)]
-        iterations = np.arange(first, first + len(costs))
-        first += len(costs)
-        label = f"{stage} ({len(costs)})"
-        axes.semilogy(iterations, costs, color=colour, linewidth=1.8, marker="o", markersize=3.2, label=label)
-        if number:
-            axes.axvline(iterations[0] - 0.5, color="#c9ced6", linewidth=0.9, zorder=0)
-    axes.set_xlabel("iteration", color=_TEXT_COLOUR)
-    axes.set_ylabel("cost (mean squared residual / contrast²)", color=_TEXT_COLOUR)
-    axes.set_title(
-        "Convergence: each stage has an image and a cost of its own", size=10.5, loc="left", color=_TEXT_COLOUR
-    )
-    axes.margins(x=0.02)
-    axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.legend(fontsize=9, frameon=False, title="stage (iterations)", title_fontsize=9)

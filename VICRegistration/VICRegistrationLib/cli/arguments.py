@@ -9,7 +9,16 @@ from collections.abc import Callable, Sequence
 from .. import __version__
 from ..geometry.parametrization import CLOSURES
 from ..registration.solvers import SOLVERS
-from . import commands, compare_command, export_command, gaps_command, mesh_command, simulate_command, values
+from . import (
+    commands,
+    compare_command,
+    export_command,
+    gaps_command,
+    mesh_command,
+    references,
+    simulate_command,
+    values,
+)
 from .words import argument
 
 PROGRAM = "vic-registration"
@@ -59,9 +68,14 @@ DIR gets, for every organ NAME:
   NAME_convergence.csv  cost and largest displacement of every iteration
   NAME.png              slices in three planes with the contour, 3D view, convergence
   NAME.step             with --step: the exact solid (LPS mm), unless the surface is no valid one
-and report.json; with several organs overview.png and, with --step, organs.step, their assembly. Files of these names
-are replaced when all organs are done, and older pictures and solids of the same organs removed if none are made now;
-other files stay.
+and, for all organs together:
+  report.html           everything on one page for people: warnings, results, pictures, convergence, inputs, deviation
+                        from a reference; one file without script or addresses, PDF by the browser's print
+  report.json           the numbers, for programs
+  overview.png          with several organs
+  organs.step           with several organs and --step: their assembly
+Files of these names are replaced when all organs are done, and older pictures and solids of the same organs removed if
+none are made now; other files stay.
 
 Several organs are described in a JSON file. Its keys are the words of the flags:
   {"schema": "vic-registration/organs", "version": 1,
@@ -75,6 +89,7 @@ examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
   vic-registration fit dicom_folder --organ bladder --seed -3,42,10 --threshold 600,1500 --erosion 2 --output bladder
   vic-registration fit scan.nii.gz --config organs.json --output organs
+  vic-registration fit scan.nii.gz --config organs.json --reference labels.nii.gz --label bladder=3 --label rectum=5
 """
 
 
@@ -207,6 +222,15 @@ def _add_fit(subparsers) -> None:
         help="width of the edge in the image (default: from the voxels)",
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
+    _add_fit_outputs(fit)
+
+
+def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
+    beside = fit.add_argument_group("a reference for the pictures and report.html, as of compare")
+    beside.add_argument(
+        "--reference", metavar="FILE", help="label image, mesh, surface, or a folder of them: shown beside the fit"
+    )
+    references.add_words(beside)
     what = fit.add_argument_group("what comes out")
     what.add_argument(
         "--output",

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from ..files import replacing_folder
 from .fitting import fit_to_folder
+from .references import OrganReference, read_references, reference_paths
 from .requests import OPTIONS, OrganRequest, organ_request, read_requests
 from .words import speaker
 
@@ -22,12 +24,16 @@ def fit(options: argparse.Namespace) -> None:
     ValueError, OSError, RuntimeError
         With a sentence for the user.
     """
+    requests = _requests(options)
+    references = _references(options, [request.name for request in requests])
+    read = [reference.path for reference in references.values()]
     fit_to_folder(
         options.image,
-        _requests(options),
+        requests,
         options.output,
         series=options.series,
-        inputs=() if options.config is None else (options.config,),
+        inputs=read if options.config is None else [options.config, *read],
+        references=references,
         pictures=not options.no_pictures,
         step=options.step,
         say=speaker(options.quiet),
@@ -72,6 +78,22 @@ def reproduce(options: argparse.Namespace) -> None:
     with replacing_folder(options.folder) as drafts:
         run(drafts, say=speaker())
     speaker()(f"table and plots written to {options.folder}")
+
+
+def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, OrganReference]:
+    """Read what the organs are compared with, before the work."""
+    if options.reference is None:
+        own = [word for word in ("label", "largest", "frame") if getattr(options, word)]
+        if own:
+            msg = (
+                f"--{own[0]} was given without --reference; it chooses a part of the reference. Name the reference too."
+            )
+            raise ValueError(msg)
+        return {}
+    if options.no_pictures:
+        msg = "--reference was given with --no-pictures, but pictures and report.html show it; leave one of them out."
+        raise ValueError(msg)
+    return read_references(names, reference_paths(options.reference, names), options)
 
 
 def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-from ..analysis.comparison import compare
-from ..analysis.reference_files import ReadReference, read_reference
-from ..export.mesh_reading import FRAMES, READABLE_MESHES
-from ..export.step import Solid
+from ..export.mesh_reading import READABLE_MESHES
 from ..files import keep_inputs, replacing_folder
-from . import values
-from .comparison_files import CSV, JSON, ComparedOrgan, comparison_table, organ_files, write_numbers, write_organ
+from . import references, values
+from .comparison_files import (
+    CSV,
+    JSON,
+    TOLERANCES,
+    ComparedOrgan,
+    compared_organ,
+    comparison_table,
+    organ_files,
+    write_numbers,
+    write_organ,
+)
 from .solids import file_name, read_solids
 from .words import argument, speaker
 
 _MOST_POINTS = 10_000_000
-_TOLERANCES = (0.5, 1.0, 2.0)
-# Endings of references in a folder, the first that there is.
-_ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
 
 _EPILOG = f"""\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. REFERENCE is
@@ -62,19 +66,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("reference", metavar="REFERENCE", help="label image, mesh, surface, or a folder of them")
     which = parser.add_argument_group("which reference")
-    which.add_argument(
-        "--label",
-        metavar="[ORGAN=]LABEL",
-        action="append",
-        default=[],
-        help="value or name in a label image; may be repeated with ORGAN= (default: the only one)",
-    )
-    which.add_argument(
-        "--largest",
-        action="store_true",
-        help="only the largest piece of a label or a mesh, its hollows filled",
-    )
-    which.add_argument("--frame", choices=FRAMES, help="of a mesh (default: what the file tells, else LPS)")
+    references.add_words(which)
     how = parser.add_argument_group("how")
     how.add_argument(
         "--points",
@@ -108,12 +100,8 @@ def run(options: argparse.Namespace) -> None:
         With a sentence for the user.
     """
     solids = read_solids(options.surfaces)
-    paths = _reference_paths(options.reference, solids)
-    labels = _labels(options.label, [solid.name for solid in solids])
-    if options.output is None:
-        organs = _compared(solids, paths, labels, options)
-    else:
-        organs = _written(solids, paths, labels, options)
+    paths = references.reference_paths(options.reference, [solid.name for solid in solids])
+    organs = _compared(solids, paths, options) if options.output is None else _written(solids, paths, options)
     print(comparison_table(organs))
     for organ in organs:
         for warning in organ.warnings:
@@ -122,7 +110,7 @@ def run(options: argparse.Namespace) -> None:
         speaker()(f"results written to {options.output}")
 
 
-def _written(solids, paths, labels, options: argparse.Namespace) -> list[ComparedOrgan]:
+def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
     """Compare, and write everything into the folder or nothing."""
     pictures = not options.no_pictures
     if pictures:
@@ -136,72 +124,20 @@ def _written(solids, paths, labels, options: argparse.Namespace) -> list[Compare
     outdated = () if pictures else [file for file in files if file.endswith(".png")]
     with replacing_folder(options.output, outdated=outdated) as drafts:
         # A folder that cannot be written to is found out before the work.
-        organs = _compared(solids, paths, labels, options)
+        organs = _compared(solids, paths, options)
         for organ in organs:
             write_organ(organ, drafts, pictures=pictures)
         write_numbers(organs, drafts, points=options.points, pictures=pictures)
     return organs
 
 
-def _compared(solids, paths, labels, options: argparse.Namespace) -> list[ComparedOrgan]:
-    organs = []
-    for solid in solids:
-        read = read_reference(
-            paths[solid.name],
-            organ=solid.name,
-            label=labels.get(solid.name),
-            largest=options.largest,
-            frame=options.frame,
-        )
-        organs.append(_organ(solid, read, paths[solid.name], options))
-    return organs
-
-
-def _organ(solid: Solid, read: ReadReference, path: Path, options: argparse.Namespace) -> ComparedOrgan:
-    """Compare one organ; complaints about numbers name it."""
-    tolerances = tuple(dict.fromkeys(options.tolerance or _TOLERANCES))
-    try:
-        found = compare(solid.surface, read.reference, n_points=options.points, tolerances=tolerances)
-    except ValueError as error:
-        msg = f"{solid.name} cannot be compared with {path}: {error}"
-        raise ValueError(msg) from error
-    return ComparedOrgan(solid.name, solid.surface, read, path, found)
-
-
-def _reference_paths(reference: str, solids: Sequence[Solid]) -> dict[str, Path]:
-    """File of the reference of each organ."""
-    path = Path(reference)
-    if not path.is_dir():
-        return {solid.name: path for solid in solids}
-    found = {}
-    for solid in solids:
-        wanted = {values.file_key(solid.name + ending): rank for rank, ending in enumerate(_ENDINGS)}
-        files = {wanted[key]: file for file in path.iterdir() if (key := values.file_key(file.name)) in wanted}
-        if not files:
-            msg = (
-                f"The folder {path} holds no reference for {solid.name}; give one that holds {solid.name}.json, "
-                f"{solid.name}.stl or {solid.name}.nii.gz, or name the file itself."
-            )
-            raise ValueError(msg)
-        found[solid.name] = files[min(files)]
-    return found
-
-
-def _labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """Label of each organ out of words LABEL, for all of them, and ORGAN=LABEL."""
-    common = [word for word in words if "=" not in word]
-    if len(common) > 1:
-        msg = f"--label was given {len(common)} times; say which is for which organ, as --label {names[0]}={common[0]}."
-        raise ValueError(msg)
-    chosen = {name: label for label in common for name in names}
-    for word in words:
-        name, own, label = word.rpartition("=")
-        if own and name not in names:
-            msg = f"--label {word} was given, but the organs are {', '.join(names)}; name one of them."
-            raise ValueError(msg)
-        if own:
-            chosen[name] = label
-    return chosen
+def _compared(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
+    found = references.read_references([solid.name for solid in solids], paths, options)
+    tolerances = tuple(dict.fromkeys(options.tolerance or TOLERANCES))
+    return [
+        compared_organ(solid.name, solid.surface, found[solid.name], points=options.points, tolerances=tolerances)
+        for solid in solids
+    ]
 
 
 def _points(text: str) -> int:

@@ -14,17 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from ..analysis.comparison import Comparison, distances_from
+from ..analysis.comparison import Comparison, compare, distances_from
 from ..analysis.reference_files import ReadReference
 from ..export.mesh_files import write_vtp
 from ..files import replacing
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
+from .references import OrganReference
 from .words import aligned
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
 SCALARS = "Deviation"
+TOLERANCES = (0.5, 1.0, 2.0)
 _CHORD_ERROR = 0.05
 # Below it, surface and reference are hardly of the same organ.
 _DOUBTFUL_DICE = 0.1
@@ -82,6 +84,44 @@ class ComparedOrgan:
     def distances(self) -> np.ndarray:
         """Of the triangles' points from the reference, mm."""
         return distances_from(self.read.reference, self.mesh.points)
+
+
+def compared_organ(
+    name: str,
+    surface: BSplineSurface,
+    reference: OrganReference,
+    *,
+    points: int = 10_000,
+    tolerances: Sequence[float] = TOLERANCES,
+) -> ComparedOrgan:
+    """Compare one organ.
+
+    Parameters
+    ----------
+    name : str
+    surface : BSplineSurface
+        RAS mm.
+    reference : OrganReference
+    points : int
+        Number of points of each surface.
+    tolerances : sequence of float
+        Of the surface Dice, mm.
+
+    Returns
+    -------
+    ComparedOrgan
+
+    Raises
+    ------
+    ValueError
+        If they cannot be compared; the sentence names the organ and the file.
+    """
+    try:
+        found = compare(surface, reference.read.reference, n_points=points, tolerances=tolerances)
+    except ValueError as error:
+        msg = f"{name} cannot be compared with {reference.path}: {error}"
+        raise ValueError(msg) from error
+    return ComparedOrgan(name, surface, reference.read, reference.path, found)
 
 
 def comparison_table(organs: Sequence[ComparedOrgan]) -> str:

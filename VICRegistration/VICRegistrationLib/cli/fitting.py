@@ -10,15 +10,17 @@ from pathlib import Path
 from ..analysis.canvas import require_matplotlib
 from ..analysis.pictures import organ_picture, overview_picture
 from ..files import keep_inputs, replacing_folder
-from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.reading import read_image
 from ..imaging.separation import separate
 from ..registration.doubts import warnings_about
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from .outputs import ASSEMBLY, OVERVIEW, REPORT, FittedOrgan, organ_files, write_organ, write_report, write_solids
+from ..reporting.contents import Source
+from .outputs import ASSEMBLY, OVERVIEW, PAGE, REPORT, FittedOrgan, organ_files, write_organ, write_report, write_solids
 from .process import silenced_stderr
+from .references import OrganReference
+from .report_page import compared_organs, write_page
 from .requests import OrganRequest
 
 
@@ -30,7 +32,7 @@ def fit_to_folder(
     series: str | None = None,
     pictures: bool = True,
     step: bool = False,
-    truths: Mapping[str, BSplineSurface] | None = None,
+    references: Mapping[str, OrganReference] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[FittedOrgan, ...]:
@@ -49,8 +51,8 @@ def fit_to_folder(
         Whether to draw pictures, which needs matplotlib.
     step : bool
         Whether to write the exact solids as STEP files. A surface that is no valid solid gets none, and a warning.
-    truths : mapping of str to BSplineSurface, optional
-        True surfaces for the pictures, by the organs' names.
+    references : mapping of str to OrganReference, optional
+        What the surfaces are compared with in pictures and report.html, by the organs' names.
     inputs : sequence of path
         Files besides the image that must not be replaced, such as the configuration.
     say : callable
@@ -71,7 +73,6 @@ def fit_to_folder(
     """
     if pictures:
         require_matplotlib()
-    truths = truths or {}
     _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures, step=step)
     with replacing_folder(folder, outdated=_outdated(requests, Path(folder), pictures=pictures)) as drafts:
         start = time.perf_counter()
@@ -82,25 +83,11 @@ def fit_to_folder(
         organs = tuple(_fitted(image, request, say) for request in requests)
         for organ in organs:
             write_organ(organ, drafts)
-            warnings = warnings_about(image, organ.fit)
-            if pictures:
-                organ_picture(
-                    drafts / f"{organ.name}.png",
-                    image,
-                    organ.fit,
-                    organ.name,
-                    truth=truths.get(organ.name),
-                    n_warnings=len(warnings),
-                )
-            for warning in warnings:
-                say(f"{organ.name}: warning: {warning}")
-        if pictures and len(organs) > 1:
-            fits = {organ.name: organ.fit for organ in organs}
-            overview_picture(drafts / OVERVIEW, image, fits, truths=truths)
+            _tell_warnings(organ, image, say, step=step)
         solids = write_solids(organs, drafts) if step else ()
-        for organ in organs:
-            if step and organ.fit.problems:
-                say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+        if pictures:
+            source = Source(str(image_path), series or "")
+            _write_pictures(organs, drafts, image, source, references=references or {}, solids=solids, say=say)
         write_report(
             drafts,
             organs,
@@ -114,9 +101,43 @@ def fit_to_folder(
     return organs
 
 
+def _tell_warnings(organ: FittedOrgan, image: Image, say: Callable[[str], None], *, step: bool) -> None:
+    for warning in warnings_about(image, organ.fit):
+        say(f"{organ.name}: warning: {warning}")
+    if step and organ.fit.problems:
+        say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+
+
+def _write_pictures(
+    organs: Sequence[FittedOrgan],
+    drafts: Path,
+    image: Image,
+    source: Source,
+    *,
+    references: Mapping[str, OrganReference],
+    solids: Sequence[str],
+    say: Callable[[str], None],
+) -> None:
+    """Write a picture of each organ, one of all of several, and the page that people read."""
+    compared = compared_organs(organs, references)
+    shapes = {name: found.read.reference for name, found in compared.items()}
+    for organ in organs:
+        count = len(warnings_about(image, organ.fit))
+        path = drafts / f"{organ.name}.png"
+        organ_picture(path, image, organ.fit, organ.name, reference=shapes.get(organ.name), n_warnings=count)
+    if len(organs) > 1:
+        fits = {organ.name: organ.fit for organ in organs}
+        overview_picture(drafts / OVERVIEW, image, fits, references=shapes)
+    for name, found in compared.items():
+        for warning in found.warnings:
+            say(f"{name}: warning: {warning}")
+    write_page(drafts, organs, image, source, compared=compared, solids=solids)
+
+
 def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pictures: bool, step: bool) -> None:
     """Refuse to replace what is read."""
     names = [name for request in requests for name in organ_files(request.name, pictures=pictures, solid=step)]
+    names += [PAGE] if pictures else []
     if len(requests) > 1:
         names += [*([OVERVIEW] if pictures else []), *([ASSEMBLY] if step else [])]
     keep_inputs((folder / name for name in [*names, REPORT]), inputs)
@@ -129,7 +150,7 @@ def _outdated(requests: Sequence[OrganRequest], folder: Path, *, pictures: bool)
     # What is written now is not removed.
     solids = [ASSEMBLY, *(f"{request.name}.step" for request in requests)]
     overview = [] if pictures and len(requests) > 1 else [OVERVIEW]
-    drawings = [] if pictures else [f"{request.name}.png" for request in requests]
+    drawings = [] if pictures else [PAGE, *(f"{request.name}.png" for request in requests)]
     return [*overview, *drawings, *solids]
 
 
@@ -158,7 +179,7 @@ def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> 
         msg = f"{request.name}: {error}"
         raise ValueError(msg) from error
     seconds = time.perf_counter() - start
-    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, request.boundary)
+    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, request.boundary, options)
 
 
 class _StageLines:

@@ -19,11 +19,12 @@ from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..registration.boundary import boundary_deviations
 from ..registration.doubts import border_sides, warnings_about
+from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
 from .solids import colored_solids
 
-REPORT, OVERVIEW, ASSEMBLY = "report.json", "overview.png", "organs.step"
+REPORT, PAGE, OVERVIEW, ASSEMBLY = "report.json", "report.html", "overview.png", "organs.step"
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
 
 
@@ -43,6 +44,8 @@ class FittedOrgan:
         The part of it before the fit.
     boundary : tuple of (r, a, s)
         Boundary points that were given, RAS mm.
+    asked : FitOptions, optional
+        Options as they were given, with none for automatic choices.
     """
 
     name: str
@@ -51,6 +54,7 @@ class FittedOrgan:
     seconds: float
     seconds_separation: float
     boundary: tuple[tuple[float, float, float], ...] = ()
+    asked: FitOptions | None = None
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:

@@ -1,0 +1,152 @@
+"""References that fitted organs are compared with: the words that name them, and reading them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..analysis.reference_files import ReadReference, read_reference
+from ..export.mesh_reading import FRAMES, READABLE_MESHES
+from . import values
+
+# Endings of references in a folder, the first that there is.
+_ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
+
+
+@dataclass(frozen=True, eq=False)
+class OrganReference:
+    """The reference of one organ.
+
+    Parameters
+    ----------
+    read : ReadReference
+    path : Path
+        Its file.
+    """
+
+    read: ReadReference
+    path: Path
+
+
+def add_words(group: argparse._ArgumentGroup) -> None:
+    """Add the words that say which part of a reference is meant.
+
+    Parameters
+    ----------
+    group : argument group of argparse
+    """
+    group.add_argument(
+        "--label",
+        metavar="[ORGAN=]LABEL",
+        action="append",
+        default=[],
+        help="value or name in a label image; may be repeated with ORGAN= (default: the only one)",
+    )
+    group.add_argument(
+        "--largest",
+        action="store_true",
+        help="only the largest piece of a label or a mesh, its hollows filled",
+    )
+    group.add_argument("--frame", choices=FRAMES, help="of a mesh (default: what the file tells, else LPS)")
+
+
+def read_references(
+    names: Sequence[str], paths: dict[str, Path], options: argparse.Namespace
+) -> dict[str, OrganReference]:
+    """Read the reference of each organ.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the organs.
+    paths : dict of str to Path
+        From `reference_paths`.
+    options : argparse.Namespace
+        With the words of `add_words`.
+
+    Returns
+    -------
+    dict of str to OrganReference
+
+    Raises
+    ------
+    ValueError, OSError
+        With a sentence for the user.
+    """
+    labels = chosen_labels(options.label, names)
+    words = {"largest": options.largest, "frame": options.frame}
+    return {
+        name: OrganReference(read_reference(paths[name], organ=name, label=labels.get(name), **words), paths[name])
+        for name in names
+    }
+
+
+def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
+    """Find the file of the reference of each organ.
+
+    Parameters
+    ----------
+    reference : str
+        A file, or a folder with a file for each organ.
+    names : sequence of str
+        Of the organs.
+
+    Returns
+    -------
+    dict of str to Path
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no reference for an organ.
+    """
+    path = Path(reference)
+    if not path.is_dir():
+        return dict.fromkeys(names, path)
+    found = {}
+    for name in names:
+        wanted = {values.file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}
+        files = {wanted[key]: file for file in path.iterdir() if (key := values.file_key(file.name)) in wanted}
+        if not files:
+            msg = (
+                f"The folder {path} holds no reference for {name}; give one that holds {name}.json, "
+                f"{name}.stl or {name}.nii.gz, or name the file itself."
+            )
+            raise ValueError(msg)
+        found[name] = files[min(files)]
+    return found
+
+
+def chosen_labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    """Label of each organ out of words LABEL, for all of them, and ORGAN=LABEL.
+
+    Parameters
+    ----------
+    words : sequence of str
+    names : sequence of str
+        Of the organs.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    ValueError
+        If an organ is not known, or several labels are for all organs.
+    """
+    common = [word for word in words if "=" not in word]
+    if len(common) > 1:
+        msg = f"--label was given {len(common)} times; say which is for which organ, as --label {names[0]}={common[0]}."
+        raise ValueError(msg)
+    chosen = {name: label for label in common for name in names}
+    for word in words:
+        name, own, label = word.rpartition("=")
+        if own and name not in names:
+            msg = f"--label {word} was given, but the organs are {', '.join(names)}; name one of them."
+            raise ValueError(msg)
+        if own:
+            chosen[name] = label
+    return chosen
