@@ -29,13 +29,13 @@ def image():
 @pytest.fixture(scope="module")
 def fit(image):
     """The small organ, 9x7 net."""
-    return finish(fit_organ(image, SEED))
+    return finish(fit_organ(image, SEED, FitOptions(net=(9, 7))))
 
 
 @pytest.fixture(scope="module")
 def bladder(pelvis):
     """The demo's bladder, 9x7 net, 132 ml."""
-    return finish(fit_organ(pelvis.image, pelvis.seeds["bladder"]))
+    return finish(fit_organ(pelvis.image, pelvis.seeds["bladder"], FitOptions(net=(9, 7))))
 
 
 def corrected(image, fit, points, **options):
@@ -174,7 +174,7 @@ def test_a_point_that_was_met_stays_met(image, fit):
 
 def test_with_weight_0_points_have_no_effect(image, fit):
     points = off(fit.surface, [(0.3, 0.45)], [5.0])
-    without = finish(fit_organ(image, SEED, FitOptions(boundary_weight=0.0), boundary_points=points))
+    without = finish(fit_organ(image, SEED, FitOptions(net=(9, 7), boundary_weight=0.0), boundary_points=points))
     np.testing.assert_array_equal(without.surface.control_net, fit.surface.control_net)
     assert len(without.boundary_points) == 0
     expected, found = (
@@ -186,7 +186,7 @@ def test_with_weight_0_points_have_no_effect(image, fit):
 
 @pytest.mark.parametrize("points", [None, [], np.zeros((0, 3))])
 def test_no_points_are_no_points(image, fit, points):
-    found = finish(fit_organ(image, SEED, boundary_points=points))
+    found = finish(fit_organ(image, SEED, FitOptions(net=(9, 7)), boundary_points=points))
     np.testing.assert_array_equal(found.surface.control_net, fit.surface.control_net)
     assert found.history[-1].stage.startswith("grey levels, fine")
     assert found.uncorrected is found.surface
@@ -329,7 +329,7 @@ def test_a_point_far_away_is_refused(image, fit):
     with pytest.raises(ValueError, match=message):
         finish(refit(image, fit.surface, boundary_points=points))
     with pytest.raises(ValueError, match=message):
-        finish(fit_organ(image, SEED, boundary_points=points))
+        finish(fit_organ(image, SEED, FitOptions(net=(9, 7)), boundary_points=points))
 
 
 def test_a_surface_that_is_no_closed_organ_is_refused(image):

@@ -11,7 +11,7 @@ from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.separation import region_from_mask, separate
-from VICRegistrationLib.registration.organ import TAU_PIXELS, FitOptions, finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
 
 SEED = CENTER[None]
 STAGES = ["global scaling", "region", "grey levels, coarse", "grey levels, fine"]
