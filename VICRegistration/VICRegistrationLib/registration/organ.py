@@ -25,6 +25,7 @@ from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
 from .automatic import Choice, chosen_beside, fit_in_frame, placed
 from .boundary import checked_boundary_points
+from .confidence import Confidence, confidence_of
 from .correction import correct
 from .correlation import SampleGrid
 from .nets import closure_of, grid_shape, net_of
@@ -62,6 +63,8 @@ class OrganFit:
         The surface before the boundary points pulled it: to start from when one of them is taken back.
     choices : tuple of Choice
         What was chosen for the net, tau and the smoothness, and why.
+    image : Image
+        The grey levels that it was fitted to.
     """
 
     surface: BSplineSurface
@@ -75,11 +78,17 @@ class OrganFit:
     boundary_points: np.ndarray
     uncorrected: BSplineSurface
     choices: tuple[Choice, ...]
+    image: Image
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
         """What is wrong with the surface; empty when it is a valid solid."""
         return check_surface(self.surface)
+
+    @cached_property
+    def confidence(self) -> Confidence:
+        """How sure the surface is, point by point."""
+        return confidence_of(self.image, self.surface, self.options)
 
     @property
     def iterations(self) -> int:
@@ -166,6 +175,7 @@ def fit_region(
     uncorrected = history[-1].surface
     corrected = yield from _corrected(image, uncorrected, points, outcome.options)
     return _result(
+        image,
         uncorrected,
         history,
         corrected,
@@ -236,6 +246,7 @@ def refit(
     cost = cost_of(surface, fine.correlation(closed.at(reached), grid))
     corrected = yield from _corrected(image, reached, points, options)
     return _result(
+        image,
         reached,
         history,
         corrected,
@@ -267,7 +278,9 @@ def _corrected(
     return steps
 
 
-def _result(uncorrected, history, correction, points, options, *, region, cost_initial, start, choices) -> OrganFit:
+def _result(
+    image, uncorrected, history, correction, points, options, *, region, cost_initial, start, choices
+) -> OrganFit:
     """Put together what came out."""
     steps = (*history, *correction)
     surface = steps[-1].surface
@@ -283,6 +296,7 @@ def _result(uncorrected, history, correction, points, options, *, region, cost_i
         boundary_points=points if _count(points, options) else points[:0],
         uncorrected=uncorrected,
         choices=choices,
+        image=image,
     )
 
 
