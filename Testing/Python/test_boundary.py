@@ -212,7 +212,7 @@ def test_a_fit_with_points_is_the_fit_without_and_then_their_pull(image, fit):
     points = off(fit.surface, [(0.3, 0.45)], [4.0])
     region = separate(image, SEED)
     steps = []
-    found = finish(fit_region(image, region, boundary_points=points), on_step=steps.append)
+    found = finish(fit_region(image, region, FitOptions(net=(9, 7)), boundary_points=points), on_step=steps.append)
     again = corrected(image, fit, points)
     np.testing.assert_array_equal(found.uncorrected.control_net, fit.surface.control_net)
     np.testing.assert_allclose(found.surface.control_net, again.surface.control_net, atol=1e-9)
@@ -313,7 +313,7 @@ def test_deviations_are_positive_outside():
 )
 def test_points_that_are_none_are_refused_at_the_first_step(image, fit, points, message):
     for steps in (
-        fit_organ(image, SEED, boundary_points=points),
+        fit_organ(image, SEED, FitOptions(net=(9, 7)), boundary_points=points),
         fit_region(image, fit.region, boundary_points=points),
         refit(image, fit.surface, boundary_points=points),
     ):

@@ -63,7 +63,7 @@ def _held(image, limits, points):
 
 
 def _settled(image, seed, limits, *, suggested):
-    """Move a seed in or near a wall to the deepest place within the limits about as near as a click is exact."""
+    """Move a seed in or near a wall to the deepest place within the limits, not farther than a click may be off."""
     voxel = voxels_of(image, seed[None])[0]
     box, _ = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], _CLICK_MM + _DEEP_MM)
     start = np.array([part.start for part in box])
