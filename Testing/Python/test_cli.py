@@ -142,15 +142,27 @@ def test_quiet_is_quiet_and_pictures_can_be_left_out(image_path, tmp_path, capsy
 def test_options_reach_the_fit(image_path, tmp_path):
     words = (image_path, "--organ", "b", "--seed", SEED, "--seed", "-12,10,-22", "--output", tmp_path, "--no-pictures")
     options = ("--threshold", "450,1200", "--erosion", "1.5", "--net", "11x8", "--closure", "paper", "--tau", "3")
-    assert fit(*words, *options, "--quiet") == 0
+    assert fit(*words, *options, "--smoothness", "0", "--quiet") == 0
     organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
     assert organ["threshold"] == [450.0, 1200.0]
     assert organ["erosion"] == 1.5
     assert organ["net"] == "11x8"
     assert organ["options"]["closure"] == "paper"
-    assert organ["options"]["tau"] == 3.0
+    assert (organ["options"]["tau"], organ["options"]["smoothness"]) == (3.0, 0.0)
+    assert [choice["value"] for choice in organ["choices"]] == ["11x8", "3.00 mm", "0"]
+    assert {choice["reason"] for choice in organ["choices"]} == {"as asked for"}
     assert len(organ["seed"]) == 2
     assert read_surface_record(tmp_path / "b.json").surface.control_net.shape[:2] == (11, 8)
+
+
+def test_what_was_chosen_is_in_the_report_with_its_reason(report):
+    organ = report["organs"]["bladder"]
+    chosen = {choice["option"]: (choice["value"], choice["reason"]) for choice in organ["choices"]}
+    assert list(chosen) == ["net", "tau", "smoothness"]
+    assert (chosen["net"][0], chosen["tau"][0]) == (organ["net"], f"{organ['options']['tau']:.2f} mm")
+    assert chosen["smoothness"][0] == f"{organ['options']['smoothness']:.2g}"
+    assert "noise explains" in chosen["net"][1]
+    assert "pixels" in chosen["tau"][1]
 
 
 def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
@@ -187,12 +199,13 @@ def test_boundary_points_and_a_dilation_come_from_a_configuration(image_path, tm
 def test_several_organs_come_from_a_configuration(image_path, tmp_path, config):
     path = config(
         {"organ": "one", "seed": CENTER.tolist()},
-        {"organ": "two", "seed": [CENTER.tolist()], "threshold": [450, 1200], "net": "7x6"},
+        {"organ": "two", "seed": [CENTER.tolist()], "threshold": [450, 1200], "net": "7x6", "smoothness": 1e-4},
     )
     assert fit(image_path, "--config", path, "--net", "8x7", "--output", tmp_path / "out", "--quiet") == 0
     organs = json.loads((tmp_path / "out" / "report.json").read_text())["organs"]
     assert {name: organ["net"] for name, organ in organs.items()} == {"one": "8x7", "two": "7x6"}
     assert organs["two"]["threshold"] == [450.0, 1200.0]
+    assert organs["two"]["options"]["smoothness"] == 1e-4
     assert (tmp_path / "out" / "overview.png").exists()
 
 

@@ -178,6 +178,8 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--boundary", "60,8,-20"], ["bladder: Boundary point 1", "58 mm from the surface", "within 30 mm"]),
         (["--boundary", "1e308,0,0"], ["bladder: Boundary point 1 is [1e+308, 0.0, 0.0]"]),
         (["--tau", "0"], ["--tau", "positive length"]),
+        (["--smoothness", "-1e-5"], ["--smoothness", "zero or a positive number such as 1e-5"]),
+        (["--smoothness", "inf"], ["--smoothness", "zero or a positive number"]),
         (["--solver", "newton"], ["--solver", "gauss-newton", "gradient-descent"]),
         (["--closure", "open"], ["--closure", "smooth"]),
         (["--organ", "a/b"], ["--organ", "'a/b'", "file name"]),

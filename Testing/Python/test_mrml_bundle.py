@@ -24,6 +24,7 @@ OTHER_SETTINGS = {
     "dilationAutomatic": False,
     "netRows": 11,
     "netColumns": 9,
+    "netAutomatic": False,
     "closure": "PAPER",
     "tauMm": 2.1,
     "tauAutomatic": False,
@@ -32,6 +33,7 @@ OTHER_SETTINGS = {
     "inside": 812.25,
     "outside": 1.0 / 3.0,
     "smoothnessLog10": -4.2,
+    "smoothnessAutomatic": False,
     "solver": "GRADIENT_DESCENT",
     "stopping": "PUBLISHED",
     "toleranceMm": 0.07,
@@ -105,6 +107,18 @@ def test_every_setting_comes_back(logic, through_a_bundle):
     assert parameters(organ, OTHER_SETTINGS) == OTHER_SETTINGS
     assert parameters(organ, RESULTS) == results
     assert results["threshold"] == (650.0, 1.0 / 3.0 + 900.0)
+
+
+def test_a_scene_without_the_automatic_net_and_smoothness_is_read(logic, through_a_bundle):
+    # As the module wrote it before a fit chose them: the parameters are not in the node.
+    organ = logic.addOrgan(mrml_scenes.add_volume(), [CENTER], name="bladder")
+    organ.netRows = 13
+    for name in ("netAutomatic", "smoothnessAutomatic"):
+        organ.parameterNode.UnsetParameter(name)
+    through_a_bundle()
+    (organ,) = logic.organs()
+    assert (organ.netRows, organ.netAutomatic, organ.smoothnessAutomatic) == (13, True, True)
+    assert (organ.options().net, organ.options().smoothness) == (None, None)
 
 
 @pytest.mark.parametrize("renamed", [False, True])

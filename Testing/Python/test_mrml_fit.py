@@ -160,8 +160,40 @@ def test_thresholds_erosion_and_options_are_used(logic):
     assert (organ.threshold.minimum, organ.threshold.maximum, organ.thresholdAutomatic) == (600, 1000, False)
     assert (organ.erosionMm, organ.erosionAutomatic) == (1.0, False)
     assert (organ.netRows, organ.netColumns) == (11, 9)
-    expected = logic.surface(logic.fit(volume, [CENTER])).control_net.shape
+    assert not organ.netAutomatic
+    expected = logic.surface(logic.fit(volume, [CENTER], options=FitOptions(net=(9, 7)))).control_net.shape
     assert logic.surface(organ).control_net.shape == (expected[0] + 2, expected[1] + 2, 3)
+
+
+def test_what_the_fit_has_chosen_is_shown(logic):
+    from VICRegistrationLib.mrml.fitting import fitSteps
+    from VICRegistrationLib.registration.organ import finish
+
+    volume = mrml_scenes.add_volume()
+    organ = logic.addOrgan(volume, [CENTER])
+    fit = finish(fitSteps(organ, volume))
+    assert (organ.netRows, organ.netColumns) == fit.options.net
+    assert organ.tauMm == pytest.approx(fit.options.tau)
+    assert 10.0**organ.smoothnessLog10 == pytest.approx(fit.options.smoothness)
+    assert (organ.netAutomatic, organ.tauAutomatic, organ.smoothnessAutomatic) == (True, True, True)
+    told = ", ".join(f"{word} {choice.value}" for word, choice in zip(("net", "edge", "smoothness"), fit.choices))
+    assert organ.message.splitlines()[1] == f"Chosen: {told}"
+
+
+def test_what_was_given_to_the_fit_is_not_told_as_chosen(logic):
+    options = FitOptions(net=(9, 7), tau=1.75, smoothness=0.0)
+    organ = logic.fit(mrml_scenes.add_volume(), [CENTER], options=options)
+    assert (organ.tauMm, organ.options().smoothness, organ.options().net) == (1.75, 0.0, (9, 7))
+    assert "Chosen" not in organ.message
+
+
+def test_boundary_points_do_not_change_the_net_that_is_shown(logic):
+    organ = logic.fit(mrml_scenes.add_volume(), [CENTER])
+    before = organ.netRows, organ.netColumns
+    surface = logic.surface(organ)
+    logic.refit(organ, surface.points([0.3], [0.5]) + 4.0 * surface.normals([0.3], [0.5]))
+    assert (organ.netRows, organ.netColumns) == before
+    assert logic.surface(organ).control_net.shape > surface.control_net.shape
 
 
 def test_fitting_again_gives_the_same_surface_in_the_same_nodes(logic):

@@ -297,7 +297,7 @@ def test_options_and_parameters_are_turned_into_each_other(organs):
     organ.setFitOptions(published)
     found = organ.options()
     assert (found.closure, found.solver, found.centered, found.levels) == ("paper", "gradient-descent", False, "organ")
-    assert found.smoothness == published.smoothness
+    assert (found.smoothness, found.net, found.tau) == (published.smoothness, published.net, None)
     organ.setFitOptions(FitOptions())
     assert organ.options() == FitOptions()
 

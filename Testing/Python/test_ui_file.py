@@ -48,7 +48,8 @@ NAMES = {
     "ctkRangeWidget": "thresholdRange",
     "ctkSliderWidget": "erosionSlider dilationSlider boundaryWeightSlider tauSlider smoothnessSlider "
     "meshSizeSlider meshWallSlider",
-    "QCheckBox": "erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck tauAutomaticCheck",
+    "QCheckBox": "erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck netAutomaticCheck "
+    "tauAutomaticCheck smoothnessAutomaticCheck",
     "QLabel": "regionStatusLabel fitStatusLabel correctStatusLabel exportStatusLabel compareStatusLabel",
     "QLineEdit": "patientEdit",
     "ctkPathLineEdit": "exportFolderEdit",

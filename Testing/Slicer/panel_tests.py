@@ -216,6 +216,7 @@ class FitTest(PanelTestCase):
     def test_cancelBringsTheSurfaceBack(self):
         organ = self.fitted("bladder")
         before = surfaceFromModel(organ.surface).control_net
+        self.ui.netAutomaticCheck.checked = False
         self.ui.netRowsSpin.value = 13
         self.ui.fitButton.click()
         slicer.app.processEvents()
@@ -268,10 +269,20 @@ class FitTest(PanelTestCase):
         self.ui.asPublishedButton.click()
         self.assertEqual(self.organ.solver.value, "gradient-descent")
         self.assertEqual((self.organ.closure.value, self.organ.stopping.value), ("paper", "published"))
-        self.assertEqual(self.organ.options().smoothness, 0.0)
+        self.assertEqual((self.organ.options().smoothness, self.organ.options().net), (0.0, (9, 7)))
+        self.assertTrue(self.ui.netRowsSpin.enabled and self.ui.smoothnessSlider.enabled)
         self.ui.defaultsButton.click()
         self.assertEqual(self.organ.solver.value, "gauss-newton")
-        self.assertEqual((self.organ.netRows, self.ui.netRowsSpin.value), (9, 9))
+        self.assertTrue(self.ui.netAutomaticCheck.checked and self.ui.smoothnessAutomaticCheck.checked)
+        self.assertFalse(self.ui.netRowsSpin.enabled or self.ui.netColumnsSpin.enabled)
+        self.assertFalse(self.ui.smoothnessSlider.enabled)
+        self.assertEqual((self.organ.options().net, self.organ.options().smoothness), (None, None))
+
+    def test_theFitShowsWhatItHasChosen(self):
+        organ = self.fitted("bladder")
+        self.assertEqual((self.ui.netRowsSpin.value, self.ui.netColumnsSpin.value), (organ.netRows, organ.netColumns))
+        self.assertAlmostEqual(self.ui.tauSlider.value, organ.tauMm, places=2)
+        self.assertIn(f"net {organ.netRows}x{organ.netColumns}", self.ui.fitStatusLabel.text)
 
     def test_theConvergenceIsPlotted(self):
         organ = self.fitted("rectum")

@@ -32,6 +32,7 @@ _NUMERIC = (
     "--dilation",
     "--net",
     "--tau",
+    "--smoothness",
     "--gravity",
     "--pressure",
     "--poisson",
@@ -82,8 +83,9 @@ Several organs are described in a JSON file. Its keys are the words of the flags
    "organs": [
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
-      "solver": "gauss-newton", "tau": 1.5, "boundary": [[12.5, -30, 4]]}]}
-organ and seed are needed. Flags beside --config hold for the organs that do not say otherwise.
+      "solver": "gauss-newton", "tau": 1.5, "smoothness": 1e-5, "boundary": [[12.5, -30, 4]]}]}
+organ and seed are needed; net, tau and smoothness that are not given are chosen by what the image shows. Flags beside
+--config hold for the organs that do not say otherwise.
 
 examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
@@ -212,14 +214,26 @@ def _add_fit(subparsers) -> None:
         type=argument(values.dilation),
         help="grows the organ back to its edge after the erosion (default: as far as the erosion)",
     )
-    how.add_argument("--net", metavar="9x7", type=argument(values.net), help="size of the control net (default: 9x7)")
+    how.add_argument(
+        "--net",
+        metavar="9x7",
+        type=argument(values.net),
+        help="size of the control net (default: chosen, 9x7, or 17x11 where the image shows more shape)",
+    )
     how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
     how.add_argument("--solver", choices=tuple(SOLVERS), help="default: gauss-newton; the paper's: gradient-descent")
     how.add_argument(
         "--tau",
         metavar="MM",
         type=argument(values.tau),
-        help="width of the edge in the image (default: from the voxels)",
+        help="width of the edge in the image (default: measured there, within 2 to 3 pixels)",
+    )
+    how.add_argument(
+        "--smoothness",
+        metavar="VALUE",
+        type=argument(values.smoothness),
+        help="stiffness of the surface, 0 for none; ten times as much is ten times as stiff (default: by the noise, "
+        "about 1e-5)",
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
     _add_fit_outputs(fit)

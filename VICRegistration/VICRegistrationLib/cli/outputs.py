@@ -212,6 +212,7 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         **_boundary_entry(organ),
         "erosion": None if region is None or region.erosion is None else float(region.erosion),
         "options": {key: value for key, value in options.items() if key != "erosion"},
+        "choices": [dataclasses.asdict(choice) for choice in fit.choices],
         "touches_border": [] if region is None else border_sides(image, region),
         "valid": not fit.problems,
         "warnings": warnings_about(image, organ.fit),

@@ -15,7 +15,8 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
     }
 
 Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``dilation``, ``net``,
-``closure``, ``solver``, ``tau`` and ``boundary`` are optional.
+``closure``, ``solver``, ``tau``, ``smoothness`` and ``boundary`` are optional. A net, tau and smoothness that are not
+given are chosen by what the image shows, see :mod:`..registration.automatic`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..files import reason
-from ..geometry.models import closed_organ
+from ..geometry.models import DEFAULT_NET, closed_organ
 from ..registration.organ import FitOptions
 from . import values
 
@@ -41,6 +42,7 @@ OPTIONS = {
     "closure": values.closure,
     "solver": values.solver,
     "tau": values.tau,
+    "smoothness": values.smoothness,
 }
 _CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS, "boundary": values.boundaries}
 
@@ -92,7 +94,7 @@ def organ_request(
     """
     try:
         chosen = FitOptions(**{key: value for key, value in options.items() if value is not None})
-        closed_organ(chosen.net, closure=chosen.closure)
+        closed_organ(chosen.net or DEFAULT_NET, closure=chosen.closure)
     except ValueError as error:
         msg = f"{name}: {error}"
         raise ValueError(msg) from error

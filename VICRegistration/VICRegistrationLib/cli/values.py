@@ -129,6 +129,15 @@ def tau(value: object) -> float:
     return number
 
 
+def smoothness(value: object) -> float:
+    """Check the weight of the bending energy, dimensionless."""
+    number = _number(value)
+    if number is None or number < 0.0:
+        msg = f"{value!r} was given; a smoothness is zero or a positive number such as 1e-5"
+        raise ValueError(msg)
+    return number
+
+
 def net(value: object) -> tuple[int, int]:
     """Check the size of a control net, such as "9x7"."""
     match = re.fullmatch(r"(\d{1,6})[xX×](\d{1,6})", value) if isinstance(value, str) else None

@@ -41,7 +41,10 @@ class AdvancedSection:
         ui.advancedSection.enabled = organ is not None
         if organ is None:
             return
+        for spin in (ui.netRowsSpin, ui.netColumnsSpin):
+            spin.enabled = not organ.netAutomatic
         ui.tauSlider.enabled = not organ.tauAutomatic
+        ui.smoothnessSlider.enabled = not organ.smoothnessAutomatic
         for spin in (ui.insideSpin, ui.outsideSpin):
             spin.enabled = organ.levels is Levels.GIVEN
 
@@ -50,6 +53,7 @@ class AdvancedSection:
         return {
             "netRows": ui.netRowsSpin,
             "netColumns": ui.netColumnsSpin,
+            "netAutomatic": ui.netAutomaticCheck,
             "closure": ui.closureCombo,
             "tauMm": ui.tauSlider,
             "tauAutomatic": ui.tauAutomaticCheck,
@@ -58,6 +62,7 @@ class AdvancedSection:
             "inside": ui.insideSpin,
             "outside": ui.outsideSpin,
             "smoothnessLog10": ui.smoothnessSlider,
+            "smoothnessAutomatic": ui.smoothnessAutomaticCheck,
             "solver": ui.solverCombo,
             "stopping": ui.stoppingCombo,
             "toleranceMm": ui.toleranceSpin,

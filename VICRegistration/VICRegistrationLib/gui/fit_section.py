@@ -10,7 +10,8 @@ from ..mrml.surfaces import isAlone, moveSurface
 from .runner import End, StepRunner
 
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
-_STAGES = 4
+# Stages of a fit with a given net, and of one that tries a finer net too.
+_STAGES, _STAGES_OF_BOTH_NETS = 4, 7
 
 
 class FitSection:
@@ -76,7 +77,7 @@ class FitSection:
         organs : list of OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._start([(organ, fitSteps(organ, volumeNode)) for organ in organs])
+        self._start([(organ, fitSteps(organ, volumeNode), False) for organ in organs])
 
     def refit(self, organ, volumeNode):
         """Fit an organ again from its surface, through its boundary points.
@@ -86,7 +87,7 @@ class FitSection:
         organ : OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._start([(organ, refitSteps(organ, volumeNode))])
+        self._start([(organ, refitSteps(organ, volumeNode), True)])
 
     def cancel(self):
         """End before the next step; the surface becomes what it was, and organs in the queue are not fitted."""
@@ -108,8 +109,9 @@ class FitSection:
         self._next()
 
     def _next(self):
-        self._organ, steps = self._queue.pop(0)
-        self._progress, self._isNew = _Progress(), self._organ.surface is None
+        self._organ, steps, isRefit = self._queue.pop(0)
+        stages = _STAGES_OF_BOTH_NETS if self._organ.netAutomatic and not isRefit else _STAGES
+        self._progress, self._isNew = _Progress(stages), self._organ.surface is None
         self._showProgress(0)
         self._ui.fitStatusLabel.text = _("{organ}: separating").format(organ=self._organ.label)
         self._runner = StepRunner(steps, self._stepped, self._ended)
@@ -163,17 +165,17 @@ class FitSection:
 
 
 class _Progress:
-    """Guesses how far a fit has come: stages are known, the number of iterations is not."""
+    """Guesses how far a fit has come: the number of stages is known, that of iterations is not."""
 
-    def __init__(self):
-        self._stages = []
+    def __init__(self, count):
+        self._stages, self._count = [], count
 
     def after(self, step):
         """Per cent after a step."""
         if step.stage not in self._stages:
             self._stages.append(step.stage)
         within = step.iteration / (step.iteration + 5.0)
-        return int(100 * min(len(self._stages) - 1 + within, _STAGES) / _STAGES)
+        return int(100 * min(len(self._stages) - 1 + within, self._count) / self._count)
 
 
 def _plotViewNode():

@@ -257,6 +257,7 @@ class _Bookkeeping:
 
     def _record(self, image, fit):
         from ..registration.doubts import warnings_about
+        from ..registration.nets import net_of
 
         organ, model = self.organ, self.model
         pulled = fit.uncorrected if len(fit.boundary_points) else None
@@ -274,10 +275,18 @@ class _Bookkeeping:
         with slicer.util.NodeModify(organ.parameterNode):
             organ.state = OrganState.FITTED if fit.converged else OrganState.UNSETTLED
             organ.volumeMl = float(worldVolumeMl(model, fit.surface))
+            organ.showChosen(fit.options, net_of(fit.uncorrected, fit.options.closure))
             told = _("{count} iterations, cost {cost}, {seconds} s").format(
                 count=fit.iterations, cost=f"{fit.cost_final:.3g}", seconds=f"{fit.seconds:.2f}"
             )
-            organ.message = "\n".join([told, *warnings_about(image, fit)])
+            organ.message = "\n".join([told, *self._chosen(fit), *warnings_about(image, fit)])
+
+    def _chosen(self, fit):
+        """Tell in a line what the fit has chosen; no line if everything was given."""
+        words = {"net": _("net {value}"), "tau": _("edge {value}"), "smoothness": _("smoothness {value}")}
+        automatic = self.organ.chosenByFit()
+        told = [words[choice.option].format(value=choice.value) for choice in fit.choices if choice.option in automatic]
+        return [_("Chosen: {choices}").format(choices=", ".join(told))] if told else []
 
     def _colorAgain(self):
         """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""

@@ -27,7 +27,7 @@ RANGES = {
     "netRows": (5, 65),
     "netColumns": (5, 65),
     "tauMm": (0.1, 20.0),
-    "smoothnessLog10": (-9.0, 0.0),
+    "smoothnessLog10": (NO_SMOOTHNESS, 0.0),
     "toleranceMm": (0.001, 5.0),
     "maxIterations": (0, 10000),
     "boundaryWeight": (0.0, 10.0),
@@ -127,6 +127,9 @@ _LABELS = {
 }
 
 
+# What a fit chooses where `...Automatic` says so, by the library's names.
+_CHOSEN = ("net", "tau", "smoothness")
+
 _WORDS = {
     "erosionMm": lambda: _("the erosion in mm"),
     "dilationMm": lambda: _("the dilation in mm"),
@@ -143,8 +146,8 @@ _WORDS = {
 class OrganParameters:
     """One organ: how it is to be separated and fitted, the nodes that belong to it, and what came out.
 
-    Lengths are in mm. A value with an `...Automatic` beside it counts only where that is False; a threshold that is
-    automatic is replaced by the suggestion at every change.
+    Lengths are in mm. A value with an `...Automatic` beside it counts only where that is False. Where it is True, the
+    value shows what was used: a threshold is replaced by the suggestion at every change, the others by every fit.
     """
 
     label: str = ""
@@ -165,6 +168,7 @@ class OrganParameters:
 
     netRows: Annotated[int, WithinRange(*RANGES["netRows"])] = 9
     netColumns: Annotated[int, WithinRange(*RANGES["netColumns"])] = 7
+    netAutomatic: bool = True
     closure: Closure = Closure.SMOOTH
     tauMm: Annotated[float, WithinRange(*RANGES["tauMm"])] = 1.5
     tauAutomatic: bool = True
@@ -173,6 +177,7 @@ class OrganParameters:
     inside: float = 1.0
     outside: float = 0.0
     smoothnessLog10: Annotated[float, WithinRange(*RANGES["smoothnessLog10"])] = -5.0
+    smoothnessAutomatic: bool = True
     solver: Solver = Solver.GAUSS_NEWTON
     stopping: Stopping = Stopping.SETTLED
     toleranceMm: Annotated[float, WithinRange(*RANGES["toleranceMm"])] = 0.1
@@ -208,7 +213,7 @@ class OrganParameters:
 
         given = self.levels is Levels.GIVEN
         return FitOptions(
-            net=(self.netRows, self.netColumns),
+            net=None if self.netAutomatic else (self.netRows, self.netColumns),
             closure=self.closure.value,
             threshold=None if self.thresholdAutomatic else (self.threshold.minimum, self.threshold.maximum),
             erosion=None if self.erosionAutomatic else self.erosionMm,
@@ -219,7 +224,7 @@ class OrganParameters:
             levels=self.levels.value,
             inside=self.inside if given else None,
             outside=self.outside if given else None,
-            smoothness=10.0**self.smoothnessLog10 if self.smoothnessLog10 > RANGES["smoothnessLog10"][0] else 0.0,
+            smoothness=None if self.smoothnessAutomatic else _smoothness(self.smoothnessLog10),
             stopping=self.stopping.value,
             tolerance=self.toleranceMm,
             max_iterations=self.maxIterations or None,
@@ -238,30 +243,57 @@ class OrganParameters:
         ValueError
             If one of them is out of the range that the module offers; nothing is changed then.
         """
-        import math
-
+        rows, columns = options.net or (None, None)
         given = {
-            "netRows": options.net[0],
-            "netColumns": options.net[1],
+            "netRows": rows,
+            "netColumns": columns,
             "tauMm": options.tau,
             "toleranceMm": options.tolerance,
             "maxIterations": options.max_iterations or 0,
             "boundaryWeight": options.boundary_weight,
         }
         given = {name: _checked(name, value) for name, value in given.items() if value is not None}
-        least, most = RANGES["smoothnessLog10"]
-        smoothness = math.log10(options.smoothness) if options.smoothness else least
-        given["smoothnessLog10"] = min(max(smoothness, least), most)
+        if options.smoothness is not None:
+            given["smoothnessLog10"] = _smoothnessLog10(options.smoothness)
         self.closure = Closure(options.closure)
         self.solver = Solver(options.solver)
         self.stopping = Stopping(options.stopping)
-        self.tauAutomatic = options.tau is None
+        for name in _CHOSEN:
+            setattr(self, f"{name}Automatic", getattr(options, name) is None)
         self.profile = Profile.CENTERED if options.centered else Profile.PAPER
         self.levels = Levels(options.levels)
         if options.inside is not None and options.outside is not None:
             self.inside, self.outside = float(options.inside), float(options.outside)
         for name, value in given.items():
             setattr(self, name, value)
+
+    def showChosen(self, options, net):
+        """Show what a fit has chosen, in the place of the values that it left alone.
+
+        Parameters
+        ----------
+        options : VICRegistrationLib.registration.options.FitOptions
+            As used.
+        net : (rows, columns)
+            That was fitted, before boundary points made it finer.
+        """
+        shown = {
+            "net": {"netRows": net[0], "netColumns": net[1]},
+            "tau": {"tauMm": options.tau},
+            "smoothness": {"smoothnessLog10": _smoothnessLog10(options.smoothness)},
+        }
+        for option in self.chosenByFit():
+            for name, value in shown[option].items():
+                setattr(self, name, _nearest(name, value))
+
+    def chosenByFit(self):
+        """Names of the options that a fit chooses by what the image shows.
+
+        Returns
+        -------
+        list of str
+        """
+        return [option for option in _CHOSEN if getattr(self, f"{option}Automatic")]
 
     def setRadii(self, erosion, dilation):
         """Give erosion and dilation, or leave them to the separation.
@@ -328,6 +360,24 @@ class ModuleParameters:
     volume: Optional[vtkMRMLScalarVolumeNode]
     organs: list[vtkMRMLScriptedModuleNode]
     current: Optional[vtkMRMLScriptedModuleNode]
+
+
+def _smoothness(power):
+    """Return the weight of the bending energy that a power of ten stands for."""
+    return 10.0**power if power > NO_SMOOTHNESS else 0.0
+
+
+def _smoothnessLog10(smoothness):
+    """Return the power of ten that the slider shows for a weight."""
+    import math
+
+    return _nearest("smoothnessLog10", math.log10(smoothness) if smoothness else NO_SMOOTHNESS)
+
+
+def _nearest(name, value):
+    """Return the value of a parameter's range that is nearest to a number."""
+    low, high = RANGES[name]
+    return type(low)(min(max(value, low), high))
 
 
 def _checked(name, value):

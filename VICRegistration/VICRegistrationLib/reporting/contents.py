@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.comparison import Comparison
 from ..geometry.triangulation import TriangleMesh
+from ..registration.automatic import Choice
 from ..registration.organ import OrganFit
 
 Point = tuple[float, float, float]
@@ -102,9 +103,9 @@ class ReportedOrgan:
     compared: Compared | None = None
 
     @property
-    def choices(self) -> Sequence:
+    def choices(self) -> Sequence[Choice]:
         """What was chosen, and why."""
-        return getattr(self.fit, "choices", ())
+        return self.fit.choices
 
     @property
     def confidence(self):
