@@ -30,11 +30,16 @@ def astray(surface: BSplineSurface, start: BSplineSurface) -> str:
     problems = check_surface(surface)
     if problems:
         return f"its surface was no valid one ({problems[0].kind})"
+    radius = (3.0 * abs(start.volume()) / (4.0 * np.pi)) ** (1.0 / 3.0)
+    if surface.control_net.shape == start.control_net.shape:
+        # No place of a surface moves farther than its control points.
+        moved = np.linalg.norm(surface.control_net - start.control_net, axis=2).max()
+        if moved <= _LEASH * radius:
+            return ""
     (u_low, u_high), (v_low, v_high) = surface.domain
     u = u_low + (u_high - u_low) * (np.arange(_SAMPLES[0]) + 0.5) / _SAMPLES[0]
     v = v_low + (v_high - v_low) * (np.arange(_SAMPLES[1]) + 0.5) / _SAMPLES[1]
     away = float(np.abs(closest_points(start, surface.grid(u, v).reshape(-1, 3)).distances).max())
-    radius = (3.0 * abs(start.volume()) / (4.0 * np.pi)) ** (1.0 / 3.0)
     if away > _LEASH * radius:
         return f"its surface went {away:.1f} mm away from the region, more than half the organ's radius"
     return ""
