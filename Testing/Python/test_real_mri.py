@@ -34,14 +34,19 @@ def load(shared_data):
 
 
 @pytest.mark.parametrize(
-    ("name", "bound"),
-    # The bound asked for is 1.0 mm; measured are 0.92 and 0.77 mm. The first one depends on its lower threshold: it is
-    # above 1.0 mm from 50 on.
-    [("crop_IM0465", 1.0), ("crop_IM0533", 0.85)],
+    ("name", "options", "bound"),
+    # The bound asked for is 1.0 mm; measured are 0.73, 0.71, 0.62 and 0.66 mm.
+    [
+        ("crop_IM0465", BY_HAND["crop_IM0465"], 0.85),
+        ("crop_IM0465", FitOptions(), 0.85),
+        ("crop_IM0533", BY_HAND["crop_IM0533"], 0.75),
+        ("crop_IM0533", FitOptions(), 0.75),
+    ],
+    ids=["IM0465-given", "IM0465-suggested", "IM0533-given", "IM0533-suggested"],
 )
-def test_a_bladder_is_within_a_millimetre_of_the_experts(load, name, bound):
+def test_a_bladder_is_within_a_millimetre_of_the_experts(load, name, options, bound):
     case = load(name)
-    fit = finish(fit_organ(case.image, case.seed, BY_HAND[name]))
+    fit = finish(fit_organ(case.image, case.seed, options))
     found = deviation(fit.surface, case.reference)
     assert found.mean <= bound
     assert abs(found.mean_signed) <= 0.5
@@ -54,8 +59,8 @@ def test_a_bladder_in_fat_does_not_leak(load, options):
     case = load("full_p5")
     fit = finish(fit_organ(case.image, case.seed, options))
     found = deviation(fit.surface, case.reference)
-    # Measured: 0.82 and 0.74 mm, and 3 % above the volume of the label, whose lower end stops early.
-    assert found.mean <= 0.9
+    # Measured: 0.66 and 0.65 mm, and 3 % above the volume of the label, whose lower end stops early.
+    assert found.mean <= 0.8
     assert found.maximum <= 5.0
     assert fit.surface.volume() / 1000.0 == pytest.approx(case.volume_ml, rel=0.15)
     assert fit.region.volume_ml == pytest.approx(case.volume_ml, rel=0.15)

@@ -23,6 +23,7 @@ from VICRegistrationLib.analysis.panels import fine_mesh
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.registration.automatic import Choice
 from VICRegistrationLib.registration.organ import finish, fit_organ
 from VICRegistrationLib.reporting.contents import Compared, ReportedOrgan, Source
 from VICRegistrationLib.reporting.figures import confidence_percentiles, organ_figures
@@ -93,22 +94,17 @@ def fit(image):
 @pytest.fixture(scope="module")
 def plain(image, fit):
     """Without anything that is optional."""
+    fit = dataclasses.replace(fit, choices=())
     return ReportedOrgan("bladder", fit, organ_figures(image, fit, "bladder"), [tuple(CENTER)], (), 0.25)
 
 
 @pytest.fixture(scope="module")
 def full(image, fit):
     """With confidence, choices, warnings and a reference."""
-    choice = SimpleNamespace(option="net", value="17x11", reason="the cost fell by 26 %, of which noise explains 0.9 %")
-    extended = SimpleNamespace(
-        **{
-            **{field.name: getattr(fit, field.name) for field in dataclasses.fields(fit)},
-            "problems": fit.problems,
-            "iterations": fit.iterations,
-            "choices": (choice,),
-            "confidence": Confidence(),
-        }
-    )
+    choice = Choice("net", "17x11", "the cost fell by 26 %, of which noise explains 0.9 %")
+    told = {"choices": (choice,), "confidence": Confidence(), "problems": fit.problems, "iterations": fit.iterations}
+    fields = {field.name: getattr(fit, field.name) for field in dataclasses.fields(fit)}
+    extended = SimpleNamespace(**{**fields, **told})
     mesh, truth = fine_mesh(fit.surface), ellipsoid()
     compared = Compared(
         "truth <1>.json", compare(fit.surface, truth, n_points=500), mesh, distances_from(truth, mesh.points)

@@ -128,7 +128,7 @@ def report(*, quick: bool) -> str:
     threads = vtkSMPTools.GetEstimatedDefaultNumberOfThreads()
     return "\n\n".join(
         [
-            "  fit: fit_region, default options, 9 x 7.\n"
+            "  fit: fit_region, default options.\n"
             "  VTK: vtkDiscreteFlyingEdges3D and vtkWindowedSincPolyDataFilter on the padded region, 40 iterations, "
             f"pass\n  band 0.01, backend {vtkSMPTools.GetBackend()}, threads up to {threads}.",
             table(rows),
