@@ -195,6 +195,8 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
     region, threshold = fit.region, fit.options.threshold
     return {
         "volume_ml": fit.surface.volume() / 1000.0,
+        "volume_sd_ml": fit.confidence.volume_sd_ml,
+        "follows_no_edge": fit.confidence.unsupported_share,
         "area_mm2": fit.surface.area(),
         "separated_volume_ml": None if region is None else float(region.volume_ml),
         "iterations": fit.iterations,

@@ -186,6 +186,41 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
     return _cropped(image, mask, np.zeros(3, dtype=int), fill=False)
 
 
+def region_from_box(image: Image, corners) -> Region:
+    """Take the ellipsoid in a box as a region: to start a fit from where an organ is roughly.
+
+    Parameters
+    ----------
+    image : Image
+    corners : array_like, shape (2, 3)
+        Two opposite corners of a box along R, A and S, mm.
+
+    Returns
+    -------
+    Region
+        With ``threshold`` None.
+
+    Raises
+    ------
+    ValueError
+        If the box is no box, or holds no voxel of the image.
+    """
+    corners = np.asarray(corners, dtype=float)
+    if corners.shape != (2, 3) or not np.isfinite(corners).all() or np.any(corners[0] == corners[1]):
+        msg = (
+            f"The box {corners.tolist()} was given; two opposite corners R, A, S in mm are needed, with a length, a "
+            "width and a height."
+        )
+        raise ValueError(msg)
+    k, j, i = np.indices(image.array.shape)
+    away = (image.to_ras(np.stack([i, j, k], axis=-1)) - corners.mean(axis=0)) / (np.ptp(corners, axis=0) / 2.0)
+    mask = np.einsum("...k,...k->...", away, away) <= 1.0
+    if not mask.any():
+        msg = f"The box {corners.tolist()} holds no voxel of the image; give RAS coordinates in mm, inside of it."
+        raise ValueError(msg)
+    return _cropped(image, mask, np.zeros(3, dtype=int), fill=False)
+
+
 def _separated_by_default(image, edges, voxels, limits, dilation):
     """Erode as little as keeps the region within what the rays from the seeds span; see `separate`."""
     seen = edges.volume / image.voxel_volume

@@ -261,13 +261,12 @@ class _Bookkeeping:
 
         organ, model = self.organ, self.model
         pulled = fit.uncorrected if len(fit.boundary_points) else None
-        confidence = getattr(fit, "confidence", None)
         showSurface(
             model,
             fit.surface,
             name=organ.label,
             uncorrected=pulled,
-            standardDeviation=confidence.standard_deviation if confidence is not None else None,
+            standardDeviation=fit.confidence.standard_deviation,
         )
         self._colorAgain()
         table, _chart = convergenceOf(organ, self.volumeNode)

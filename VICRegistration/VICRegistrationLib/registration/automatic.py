@@ -4,6 +4,7 @@
 - *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike.
 - *net*: all is fitted with 9x7 control points, then again from the region on with a knot more in every span. The finer
   net is kept if it lowers the cost by more than the noise explains, and if its surface is a valid one.
+- A surface that folds or goes far away from the region is fitted again, held tighter to it.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import numpy as np
 
 from ..geometry.parametrization import Parametrization, affine
 from ..geometry.surface import BSplineSurface
-from ..geometry.validity import check_surface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .correlation import SampleGrid
+from .edge_width import PROFILE_PIXELS, edge_width
 from .nets import halved, net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
@@ -33,9 +34,9 @@ _STIFFNESS_TO_START = 1e-5
 _HOLD = 1.5
 # A finer net lowers the cost by at least so many times the share that more freedom takes off noise.
 _WORTH = 4.0
+# How much tighter the region holds a surface that goes astray without.
+_TIGHTER = (10.0, 100.0)
 _GIVEN = "as asked for"
-# Where the edge's width is measured: these distances from the surface, in pixels.
-_PROFILE_PIXELS = np.arange(-6.0, 6.01, 0.25)
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,14 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     anchor = _HOLD * caught.cost
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
     found = yield from _last(fine, closed.at(caught.surface), grid)
-    if options.net is None:
+    why = _GIVEN
+    lost = plan.astray(found.surface)
+    if lost:
+        found, held = yield from _held(plan, near, closed, grid, chosen, anchor, lost)
+        choices = (*choices, held)
+        why = _GIVEN if options.net is not None else "no finer one was tried, as the image holds not even this one"
+    elif options.net is None:
         found, why = yield from _finer(plan, near.surface, found, replace(chosen, net=net), anchor)
-    else:
-        why = _GIVEN
     net = net_of(found.surface, options.closure)
     choices = (Choice("net", f"{net[0]}x{net[1]}", why), *choices)
     if net != net_of(model, options.closure):
@@ -112,52 +117,6 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
         model = halved(model)
     cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
     return Outcome(replace(chosen, net=net), choices, cost)
-
-
-def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> float | None:
-    """Measure the width of an organ's edge in the image.
-
-    Parameters
-    ----------
-    sampler : Sampler
-        The grey levels, in the frame of the surface.
-    surface : BSplineSurface
-        Near the edge.
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
-
-    Returns
-    -------
-    float or None
-        mm; None where there is no edge.
-
-    Notes
-    -----
-    The mean profile across the surface, mostly from places where it is sharp, that is not across thick slices. The
-    width is that of the cosine ramp of equation 3 with the same slope at half height.
-    """
-    pixel = float(np.linalg.norm(voxel, axis=0).min())
-    (u_low, u_high), (v_low, v_high) = surface.domain
-    u, v = (part.ravel() for part in np.meshgrid((np.arange(32) + 0.5) / 32.0, (np.arange(20) + 0.5) / 20.0))
-    u, v = u_low + (u_high - u_low) * u, v_low + (v_high - v_low) * v
-    normals = surface.normals(u, v)
-    depths = _PROFILE_PIXELS * pixel
-    values, valid = sampler.values(surface.points(u, v)[:, None] + depths[:, None] * normals[:, None])
-    inner = values[:, _PROFILE_PIXELS < -3.0].mean(axis=1)
-    beyond = values[:, (_PROFILE_PIXELS > 2.0) & (_PROFILE_PIXELS < 4.0)]
-    darker = float(np.median(inner - beyond.mean(axis=1))) > 0.0
-    step = inner - (beyond.min(axis=1) if darker else beyond.max(axis=1))
-    blur = np.linalg.norm(normals @ voxel, axis=1) / pixel
-    weight = valid.all(axis=1) * np.maximum(step if darker else -step, 0.0) / blur**4
-    if not weight.sum() > 0.0:
-        return None
-    profile = (weight / np.where(step == 0.0, 1.0, step) @ (values - (inner - step)[:, None])) / weight.sum()
-    near = np.abs(_PROFILE_PIXELS) <= 2.5
-    slope = float(np.max(-np.gradient(profile, depths)[near]))
-    height = float(
-        profile[_PROFILE_PIXELS < -3.0].mean() - profile[(_PROFILE_PIXELS > 0.0) & (_PROFILE_PIXELS < 4.0)].min()
-    )
-    return 0.5 * np.pi * height / slope if slope > 0.0 else None
 
 
 def _to_start_with(options: FitOptions, pixel: float) -> FitOptions:
@@ -183,7 +142,7 @@ def chosen_beside(image: Image, surface: BSplineSurface, options: FitOptions) ->
     choices : tuple of Choice
     """
     pixel = float(min(image.spacing))
-    sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), -_PROFILE_PIXELS[0] * pixel))
+    sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), PROFILE_PIXELS[-1] * pixel))
     tau, why = _tau(sampler, surface, image.ijk_to_ras[:3, :3], options)
     return _with_choices(options, tau, why, _to_start_with(options, pixel).smoothness, "small, as to start with")
 
@@ -238,12 +197,35 @@ def _finer(
     gained = (
         f"with {net[0]}x{net[1]} the cost fell by {1.0 - after / before:.1%}, of which noise explains {explained:.1%}"
     )
-    if 1.0 - after / before > _WORTH * explained and (not check_surface(step.surface) or check_surface(found.surface)):
+    lost = plan.astray(step.surface)
+    if 1.0 - after / before > _WORTH * explained and not lost:
         return step, gained
     kept = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
     yield kept
-    valid = "" if 1.0 - after / before <= _WORTH * explained else ", but its surface was no valid one"
-    return kept, gained + valid
+    return kept, gained + (f", but {lost}" if lost else "")
+
+
+def _held(
+    plan: Plan,
+    near: Step,
+    closed: Parametrization,
+    grid: SampleGrid,
+    options: FitOptions,
+    anchor: float,
+    lost: str,
+) -> Generator[Step, None, tuple[Step, Choice]]:
+    """Fit again from the region on, held tighter to it until the surface stays; the region's surface if none does."""
+    for factor in _TIGHTER:
+        step = near
+        tighter = replace(options, smoothness=factor * options.smoothness)
+        for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
+            name = f"{stage.name}, held {factor:g} times tighter"
+            step = yield from _last(replace(stage, name=name), closed.at(step.surface), grid)
+        if not plan.astray(step.surface):
+            return step, Choice("hold on the region", f"{factor:g} times tighter", lost)
+    kept = replace(near, stage="region kept", iteration=1, displacement=0.0)
+    yield kept
+    return kept, Choice("hold on the region", "the region's own surface", f"{lost}, however tightly it was held")
 
 
 def noise_share(n_dof: int, volume: float, voxel: np.ndarray) -> float:

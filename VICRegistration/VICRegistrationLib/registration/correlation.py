@@ -118,6 +118,35 @@ class _Held:
     weight: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Support:
+    """What each normal line of a surface says about the edge, (n,) but where told.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) ndarray
+        Where the lines cross the surface.
+    area : ndarray
+        Share of the surface's area, sum 1.
+    weight : ndarray
+        How much of an edge the line shows, 0 to 1; 0 outside of the volume.
+    variance : ndarray
+        Mean squared residual, in units of the squared contrast.
+    slope : ndarray
+        Mean squared derivative of the image along the normal, 1/mm^2.
+    offset : ndarray
+        How far the line's own edge is from the surface, to first order, mm.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    area: np.ndarray
+    weight: np.ndarray
+    variance: np.ndarray
+    slope: np.ndarray
+    offset: np.ndarray
+
+
 class Correlation:
     """Compares the virtual image of a deforming surface with a real image.
 
@@ -262,6 +291,33 @@ class Correlation:
         residuals = np.where(seen.valid, (seen.values - virtual) / held.contrast, 0.0)
         weights = np.where(seen.valid, held.weight[:, None] / len(self.depths), 0.0)
         return Samples(seen.frame, residuals, seen.gradients / held.contrast, weights)
+
+    def support(self, q: np.ndarray) -> Support:
+        """Tell what each normal line says about the edge, with the levels brought up to date."""
+        self.refresh(q)
+        samples, held = self.sample(q), self._held
+        frame = samples.frame
+        area = frame.length / frame.length.sum()
+        along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)
+        slope = np.mean(along**2, axis=1)
+        step = np.minimum(np.abs(held.inside - held.outside) / held.contrast, 1.0)
+        return Support(
+            frame.points,
+            frame.normals,
+            area,
+            step * samples.weights.sum(axis=1) / np.maximum(area, 1e-300),
+            np.mean(samples.residuals**2, axis=1),
+            slope,
+            -np.mean(along * samples.residuals, axis=1) / np.maximum(slope, 1e-12),
+        )
+
+    def normal_motion(self, normals: np.ndarray) -> np.ndarray:
+        """Displacement of the samples along normals (n, 3) by each degree of freedom, (n, n_dof)."""
+        result = np.zeros((len(normals), self.parametrization.n_dof))
+        for k, index in enumerate(self.parametrization.indices):
+            motion = self._motion[0][k]
+            result[:, index] += normals[:, k, None] * (motion.toarray() if self.sparse else motion)
+        return result
 
     def _read(self, q: np.ndarray) -> _Reading:
         """Sample the image at q; kept, because an iteration starts where the last one ended."""

@@ -10,6 +10,8 @@ from .organ import OrganFit
 
 # Mean squared difference between the image and an edge, over the squared contrast.
 _POOR_COST = 0.5
+# Of the area; less is drowned in noise.
+_LEAST_WITHOUT_EDGE = 0.02
 # Between the separated region and the surface; voxels at the surface alone make a few per cent.
 _LARGEST_CHANGE = 0.2
 
@@ -101,6 +103,7 @@ def _warnings_about_fit(fit: OrganFit) -> list[str]:
             "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of "
             f"the contrast (cost {fit.cost_final:.2g}); look at the contour, and give another seed or threshold."
         )
+    sentences += _warnings_about_support(fit)
     if fit.region is None:
         return sentences
     volume, separated = fit.surface.volume() / 1000.0, float(fit.region.volume_ml)
@@ -110,3 +113,17 @@ def _warnings_about_fit(fit: OrganFit) -> list[str]:
             "give another threshold or erosion if the region is wrong, or a larger net if the surface is."
         )
     return sentences
+
+
+def _warnings_about_support(fit: OrganFit) -> list[str]:
+    """Sentences about places where the image does not tell where the surface is."""
+    confidence = fit.confidence
+    if confidence.unsupported_share < _LEAST_WITHOUT_EDGE:
+        return []
+    side = confidence.unsupported_side
+    where = f", mostly at its {side} side" if side else ""
+    held = "" if fit.region is None else "; what holds it there is the separated region"
+    return [
+        f"The surface follows no edge on {confidence.unsupported_share:.0%} of its area{where}{held}. Look at the "
+        "contour there, and place points on the wall where you know it."
+    ]

@@ -24,7 +24,9 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
 from .automatic import Choice, chosen_beside, fit_in_frame, placed
+from .bent_model import bent_model
 from .boundary import checked_boundary_points
+from .confidence import Confidence, confidence_of
 from .correction import correct
 from .correlation import SampleGrid
 from .nets import closure_of, grid_shape, net_of
@@ -62,6 +64,8 @@ class OrganFit:
         The surface before the boundary points pulled it: to start from when one of them is taken back.
     choices : tuple of Choice
         What was chosen for the net, tau and the smoothness, and why.
+    image : Image
+        The grey levels that it was fitted to.
     """
 
     surface: BSplineSurface
@@ -75,11 +79,17 @@ class OrganFit:
     boundary_points: np.ndarray
     uncorrected: BSplineSurface
     choices: tuple[Choice, ...]
+    image: Image
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
         """What is wrong with the surface; empty when it is a valid solid."""
         return check_surface(self.surface)
+
+    @cached_property
+    def confidence(self) -> Confidence:
+        """How sure the surface is, point by point."""
+        return confidence_of(self.image, self.surface, self.options)
 
     @property
     def iterations(self) -> int:
@@ -159,13 +169,16 @@ def fit_region(
     _check_thickness(pose, options.tau or TAU_PIXELS * float(min(image.spacing)))
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
-    model = generic_model(pose, options.net or models.DEFAULT_NET, options.closure)
+    plan = Plan.of(image, region, local_to_ras, options)
+    net = options.net or models.DEFAULT_NET
+    model = bent_model(plan.target.distance, net, options.closure) or generic_model(pose, net, options.closure)
     history: list[Step] = []
-    steps = fit_in_frame(Plan.of(image, region, local_to_ras, options), model, options)
+    steps = fit_in_frame(plan, model, options)
     outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)
     uncorrected = history[-1].surface
     corrected = yield from _corrected(image, uncorrected, points, outcome.options)
     return _result(
+        image,
         uncorrected,
         history,
         corrected,
@@ -236,6 +249,7 @@ def refit(
     cost = cost_of(surface, fine.correlation(closed.at(reached), grid))
     corrected = yield from _corrected(image, reached, points, options)
     return _result(
+        image,
         reached,
         history,
         corrected,
@@ -267,7 +281,9 @@ def _corrected(
     return steps
 
 
-def _result(uncorrected, history, correction, points, options, *, region, cost_initial, start, choices) -> OrganFit:
+def _result(
+    image, uncorrected, history, correction, points, options, *, region, cost_initial, start, choices
+) -> OrganFit:
     """Put together what came out."""
     steps = (*history, *correction)
     surface = steps[-1].surface
@@ -283,6 +299,7 @@ def _result(uncorrected, history, correction, points, options, *, region, cost_i
         boundary_points=points if _count(points, options) else points[:0],
         uncorrected=uncorrected,
         choices=choices,
+        image=image,
     )
 
 

@@ -145,7 +145,7 @@ def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) 
         The degrees of freedom at the end.
     """
     correlation = stage.correlation(parametrization, grid)
-    objective = Objective(correlation, stiffness=_stiffness(stage, correlation))
+    objective = Objective(correlation, stiffness=stiffness(stage, correlation))
     q = np.zeros(parametrization.n_dof)
     for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
         q = iterate.q
@@ -195,12 +195,26 @@ def _stopped_by(stage: Stage, iterate: Iterate) -> str:
     return stage.stop_rule if moved < stage.tolerance else "cost"
 
 
-def _stiffness(stage: Stage, correlation: Correlation):
-    """Bending, sliding and anchor energies over the degrees of freedom."""
+def stiffness(stage: Stage, correlation: Correlation, *, anchor: float | None = None):
+    """Bending, sliding and anchor energies over the degrees of freedom.
+
+    Parameters
+    ----------
+    stage : Stage
+    correlation : Correlation
+    anchor : float, optional
+        In place of the stage's.
+
+    Returns
+    -------
+    (n_dof, n_dof) ndarray or sparse matrix
+    """
     parametrization = correlation.parametrization
     unit = stage.levels.width**2
     total = correlation.displacement_form(
-        np.zeros(parametrization.n_dof), tangential=stage.sliding / unit, normal=stage.anchor / unit
+        np.zeros(parametrization.n_dof),
+        tangential=stage.sliding / unit,
+        normal=(stage.anchor if anchor is None else anchor) / unit,
     )
     if stage.bending > 0.0:
         # One wave around the organ has second derivatives of (2 pi)^2 times its height.

@@ -53,8 +53,7 @@ def organ_figures(
         draw_scene(sides.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.98)), surfaces, viewer)
     convergence = blank_figure((11.0, 3.3))
     draw_convergence(convergence.add_axes((0.08, 0.16, 0.90, 0.73)), fit)
-    confidence = getattr(fit, "confidence", None)
-    deviations = None if confidence is None else confidence_map(*_with_deviations(surfaces[0].mesh, confidence))
+    deviations = confidence_map(*_with_deviations(surfaces[0].mesh, fit.confidence))
     distances = None if compared is None else deviation_map(compared.mesh, compared.distances, compared.comparison)
     figures = (slices, sides, convergence, deviations, distances)
     return OrganFigures(*(None if figure is None else indexed_png(png_bytes(figure)) for figure in figures))
@@ -70,12 +69,8 @@ def confidence_percentiles(fit: OrganFit) -> list[tuple[float, float]]:
     Returns
     -------
     list of (percent, mm)
-        Empty if the confidence is not known.
     """
-    confidence = getattr(fit, "confidence", None)
-    if confidence is None:
-        return []
-    mesh, deviations = _with_deviations(fine_mesh(fit.surface), confidence)
+    mesh, deviations = _with_deviations(fine_mesh(fit.surface), fit.confidence)
     return list(zip(_PERCENTS, area_percentiles(mesh, deviations, _PERCENTS)))
 
 
