@@ -94,7 +94,6 @@ def fit(image):
 @pytest.fixture(scope="module")
 def plain(image, fit):
     """Without anything that is optional."""
-    fit = dataclasses.replace(fit, choices=())
     return ReportedOrgan("bladder", fit, organ_figures(image, fit, "bladder"), [tuple(CENTER)], (), 0.25)
 
 
