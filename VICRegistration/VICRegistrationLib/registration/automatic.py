@@ -25,8 +25,8 @@ from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
 from .stages import Stage, Step, cost_of, run_stage
 
-# Smoothness for a mean squared residual of 1. Tried 1e-3 to 1.5e-2 on phantoms and real bladders: more takes the wrinkles
-# out of a net that is finer than the organ (normals of the vagina 8 to 4 degrees off), much more smooths folds away.
+# Smoothness for a mean squared residual of 1. Tried 1e-3 to 1.5e-2 on phantoms and real bladders: more takes the
+# wrinkles out of a net that is finer than the organ (normals of the vagina 8 to 4 degrees off), and then its folds.
 _STIFFNESS = 1e-2
 _STIFFNESS_TO_START = 1e-5
 # Weight against leaving the separated region for a mean squared residual of 1: the less the image looks like an edge,

@@ -7,7 +7,7 @@ d grad I . dn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -17,6 +17,7 @@ from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .levels import PROBE_DEPTHS, Levels
+from .losses import sample_shares
 
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
@@ -109,7 +110,7 @@ class _Reading:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What is held while a step is computed: sample distances (n, m), levels, contrast, weights of the lines (n,)."""
+    """What is held while a step is computed: sample distances (n, m), levels, contrast, weights (n, 1) or (n, m)."""
 
     offsets: np.ndarray
     inside: np.ndarray
@@ -164,6 +165,8 @@ class Correlation:
         The profile's ramp from 1 (inside) to 0 (outside) at these depths.
     levels : Levels
         Grey levels inside and outside and the width of the ramp, given or estimated from the image.
+    loss : {"squares", "huber"}
+        How much samples with large residuals count, see :func:`.losses.sample_shares`.
     sparse : bool, optional
         Whether to use sparse matrices; for large control nets if not given.
 
@@ -187,8 +190,10 @@ class Correlation:
         depths: np.ndarray,
         ramp: np.ndarray,
         levels: Levels,
+        loss: str = "squares",
         sparse: bool | None = None,
     ):
+        self.loss = loss
         self.sampler = sampler
         self.parametrization = parametrization
         self.grid = grid
@@ -232,11 +237,16 @@ class Correlation:
             depths=self.depths,
             ramp=self.ramp,
             levels=self.levels,
+            loss=self.loss,
             sparse=parametrization.n_dof > _DENSE_DOF,
         )
         held = self._held
         part._held = _Held(
-            held.offsets[lines], held.inside[lines], held.outside[lines], held.contrast, share * held.weight[lines]
+            held.offsets[lines],
+            held.inside[lines],
+            held.outside[lines],
+            held.contrast,
+            share[:, None] * held.weight[lines],
         )
         part._settled = True
         return part
@@ -280,7 +290,11 @@ class Correlation:
             inside = np.full(len(shift), float(self.levels.inside))
             outside = np.full(len(shift), float(self.levels.outside))
         contrast = self.levels.contrast(inside, outside, frame.length)
-        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, weight)
+        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, weight[:, None])
+        if self.loss != "squares":
+            samples = self.sample(q)
+            shares = sample_shares(self.loss, samples.residuals, samples.weights)
+            self._held = replace(self._held, weight=shares * self._held.weight)
 
     def sample(self, q: np.ndarray) -> Samples:
         """Residuals, image gradients and weights at q, with the levels held since the last refresh."""
@@ -289,7 +303,7 @@ class Correlation:
         held, seen = self._held, self._read(q)
         virtual = held.outside[:, None] + (held.inside - held.outside)[:, None] * self.ramp
         residuals = np.where(seen.valid, (seen.values - virtual) / held.contrast, 0.0)
-        weights = np.where(seen.valid, held.weight[:, None] / len(self.depths), 0.0)
+        weights = np.where(seen.valid, held.weight / len(self.depths), 0.0)
         return Samples(seen.frame, residuals, seen.gradients / held.contrast, weights)
 
     def support(self, q: np.ndarray) -> Support:

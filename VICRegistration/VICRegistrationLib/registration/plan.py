@@ -187,6 +187,7 @@ def grey_level_stages(
             anchor=ANCHOR if anchor is None else anchor,
             tolerance=patience * loosening * options.tolerance,
             cost_tolerance=patience_cost * loosening * COST_TOLERANCE,
+            loss=options.loss,
             solver=options.solver,
             max_iterations=options.max_iterations,
         )
