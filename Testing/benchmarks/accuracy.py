@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from bladders import bladders
+from bladders import Bladder, bladders
 from measuring import table
 from scipy import ndimage
 from surfaces import contour_in_world, smoothed_contour
@@ -38,7 +38,7 @@ _ABOUT = f"""\
   From {N_POINTS} points of the reference (truth; experts' lumen) to the surface; signed: positive where it lies outside
   of the reference. Fitted: default options, the demo's seeds or one seed in the lumen. Smoothed triangles: marching
   cubes and windowed sinc as in Slicer, of the region that was fitted to. Normals: mean angle, against those of the
-  truth, or of the label blurred by a Gaussian of {LABEL_BLUR_MM:g} mm. Back: from points of the surface to the reference.
+  truth, or of the label blurred by a Gaussian of {LABEL_BLUR_MM:g} mm. Back: from the surface to the reference.
   Paper's witnesses: its table 2, other organs in other images."""
 
 
@@ -98,15 +98,12 @@ def demo_cases() -> list[Case]:
     return cases
 
 
-def real_cases() -> list[Case]:
-    """Real bladders and the lumen that experts have drawn; none where the data is absent."""
-    cases = []
-    for bladder in bladders():
-        drawn = closed_mesh(mesh_of_mask(bladder.lumen.image))
-        points = points_on(drawn, N_POINTS)
-        normals = label_normals(bladder.lumen.image, points)
-        cases.append(Case(f"bladder {bladder.name}", bladder.image, bladder.seed, drawn, points, normals, real=True))
-    return cases
+def real_case(bladder: Bladder) -> Case:
+    """Take a real bladder and the lumen that experts have drawn."""
+    drawn = closed_mesh(mesh_of_mask(bladder.lumen.image))
+    points = points_on(drawn, N_POINTS)
+    normals = label_normals(bladder.lumen.image, points)
+    return Case(f"bladder {bladder.name}", bladder.image, bladder.seed, drawn, points, normals, real=True)
 
 
 def label_normals(label: Image, points: np.ndarray) -> np.ndarray:
@@ -209,8 +206,9 @@ def _so(exceptions: list[str]) -> str:
 
 def report(*, quick: bool) -> str:
     """Measure all organs and put the paper's figures beside them."""
-    real = real_cases()
-    cases = [*demo_cases(), *(real[:1] if quick else real)]
+    found = bladders()
+    real = [real_case(bladder) for bladder in (found[:1] if quick else found)]
+    cases = [*demo_cases(), *real]
     results = {case.name: both_ways(case) for case in cases}
     title = ["organ and surface", "mean mm", "std mm", "95 % mm", "signed mm", "normals deg", "back mm", "back 95 %"]
     rows = [title]

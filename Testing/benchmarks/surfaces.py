@@ -104,7 +104,7 @@ def report(*, quick: bool) -> str:
     threads = vtkSMPTools.GetEstimatedDefaultNumberOfThreads()
     return "\n\n".join(
         [
-            "  fit: fit_region, default options, the net is chosen; 9x7: with that net given. See accuracy for how good.\n"
+            "  fit: fit_region, default options, the net is chosen; 9x7: with that net given. How good: see accuracy.\n"
             "  VTK: vtkDiscreteFlyingEdges3D and vtkWindowedSincPolyDataFilter on the padded region, 40 iterations, "
             f"pass\n  band 0.01, backend {vtkSMPTools.GetBackend()}, threads up to {threads}.",
             table(rows),
