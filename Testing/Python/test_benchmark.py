@@ -96,7 +96,7 @@ def test_a_surface_against_itself_is_off_by_nothing(modules, image):
     truth = models.closed_organ((9, 7), axes=30.0 * np.eye(3))
     points = truth.grid(np.linspace(0.0, 1.0, 30), np.linspace(0.05, 0.95, 20)).reshape(-1, 3)
     normals = truth.normals(*accuracy.closest_points(truth, points).parameters.T)
-    found = accuracy.of_surface(truth, accuracy.Case("", image, None, truth, points, normals, real=False))
+    found = accuracy.of_surface(truth, accuracy.Case("", image, None, truth, points, normals))
     assert found.distances.maximum < 1e-6
     # The arc cosine of a number next to 1 has half its digits.
     assert found.angle < 1e-4
@@ -126,7 +126,7 @@ def test_smoothed_triangles_are_measured_like_a_surface(modules, scene):
     truth = models.closed_organ((33, 25), axes=np.diag([35.0, 32.0, 30.0]))
     points = accuracy.points_on(truth, 2000)
     normals = truth.normals(*accuracy.closest_points(truth, points).parameters.T)
-    case = accuracy.Case("", scene.image, None, truth, points, normals, real=False)
+    case = accuracy.Case("", scene.image, None, truth, points, normals)
     found = accuracy.of_contour(scene.region, case)
     # Voxels of 1.18 and 3 mm.
     assert found.distances.mean < 1.0

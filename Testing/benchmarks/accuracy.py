@@ -55,8 +55,6 @@ class Case:
     reference : BSplineSurface or ReferenceMesh
     points, normals : (n, 3) ndarray
         Of the reference, evenly spread over its area; RAS mm, outward.
-    real : bool
-        Whether experts have drawn the reference.
     """
 
     name: str
@@ -65,7 +63,6 @@ class Case:
     reference: Reference
     points: np.ndarray
     normals: np.ndarray
-    real: bool
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def demo_cases() -> list[Case]:
     for name, truth in phantom.surfaces.items():
         points = points_on(truth, N_POINTS)
         normals = truth.normals(*closest_points(truth, points).parameters.T)
-        cases.append(Case(f"{name}, demo", phantom.image, phantom.seeds[name], truth, points, normals, real=False))
+        cases.append(Case(f"{name}, demo", phantom.image, phantom.seeds[name], truth, points, normals))
     return cases
 
 
@@ -103,7 +100,7 @@ def real_case(bladder: Bladder) -> Case:
     drawn = closed_mesh(mesh_of_mask(bladder.lumen.image))
     points = points_on(drawn, N_POINTS)
     normals = label_normals(bladder.lumen.image, points)
-    return Case(f"bladder {bladder.name}", bladder.image, bladder.seed, drawn, points, normals, real=True)
+    return Case(f"bladder {bladder.name}", bladder.image, bladder.seed, drawn, points, normals)
 
 
 def label_normals(label: Image, points: np.ndarray) -> np.ndarray:
@@ -201,7 +198,7 @@ def verdict(results: dict[str, tuple[Measured, Measured]], real: set[str]) -> st
 
 
 def _so(exceptions: list[str]) -> str:
-    return f"but not in {'; '.join(exceptions)}" if exceptions else "so"
+    return "not in" + "".join(f"\n      {exception}" for exception in exceptions) if exceptions else "so"
 
 
 def report(*, quick: bool) -> str:
