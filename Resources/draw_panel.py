@@ -36,7 +36,7 @@ PICTURE = ROOT / "Resources" / "Screenshots" / "panel.png"
 WIDTH = 420
 SPACER = 40  # Height of the .ui file's empty place at the bottom.
 ORGANS = [
-    ("bladder", "#de9942", "132.0", "fitted"),
+    ("bladder", "#de9942", "131.8", "fitted"),
     ("vagina", "#db738c", "17.2", "separated"),
     ("rectum", "#8c9e59", "", "needs a seed"),
 ]
@@ -55,7 +55,7 @@ CHOICES = {
 }
 TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
-    "fitStatusLabel": "bladder: 27 iterations, cost 0.0041, 0.14 s",
+    "fitStatusLabel": "bladder: 19 iterations, cost 0.021, 0.40 s\nChosen: net 17x11, edge 1.77 mm, smoothness 2.1e-05",
     "correctStatusLabel": "Press Refit: the surface is up to 4.9 mm from the points.",
     "compareStatusLabel": "Against expert: bladder:\n"
     "mean 0.82 mm (signed +0.10), 95 % 2.40 mm, Hausdorff 5.97 mm, Dice 0.951\nvolume 132.0 ml, reference 130.4 ml",

@@ -68,10 +68,10 @@ def test_every_file_of_the_organ_is_there(fitted, report):
 
 def test_the_surface_is_that_of_the_organ(fitted):
     record = read_surface_record(fitted / "bladder.json")
-    assert (record.name, record.net, record.closure) == ("bladder", "9x7", "smooth")
+    assert (record.name, record.closure) == ("bladder", "smooth")
     found = deviation(record.surface, ellipsoid(), n_points=2000)
-    # Slices of 3 mm and noise; the issue asks for 0.25 mm with 4 mm slices.
-    assert found.mean < 0.25
+    # Slices of 3 mm and noise; it is 0.07 mm.
+    assert found.mean < 0.15
     assert abs(found.mean_signed) < 0.1
 
 
@@ -93,7 +93,8 @@ def test_the_report_tells_what_was_found(fitted, report, image_path):
     assert 0.0 < organ["cost_final"] < 0.05
     assert organ["seconds"] > organ["seconds_separation"] > 0.0
     assert organ["seconds_load"] > 0.0
-    assert organ["net"] == "9x7"
+    assert organ["net"] == read_surface_record(fitted / "bladder.json").net
+    assert organ["net"] in ("9x7", "17x11")
     assert organ["seed"] == [list(CENTER)]
     low, high = organ["threshold"]
     assert low < 800.0 < high

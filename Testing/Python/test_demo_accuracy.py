@@ -11,11 +11,11 @@ from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
 
 ORGANS = ("bladder", "vagina", "rectum")
-# Asked for: a mean of 0.2 mm for the bladder and 0.3 mm for the others, 0.8 mm at 95 %. Measured: 0.08, 0.11 to 0.13;
-# 0.21 and 0.35 to 0.45; signed -0.05 to +0.02.
-MEAN_MM = {"bladder": 0.12, "vagina": 0.18, "rectum": 0.18}
-P95_MM = {"bladder": 0.3, "vagina": 0.6, "rectum": 0.6}
-SIGNED_MM = 0.08
+# Asked for: 0.2 mm in the mean for the bladder and 0.3 mm for the others, 0.8 mm at 95 %. Measured: 0.07 to 0.08 and 0.11
+# to 0.13 mm; at 95 %, 0.20 to 0.21 and 0.35 to 0.44 mm; signed, -0.05 to +0.01 mm.
+MEAN_MM, SIGNED_MM = 0.16, 0.07
+BLADDER_MEAN_MM = 0.12
+P95_MM = {"bladder": 0.3, "vagina": 0.5, "rectum": 0.5}
 
 
 @pytest.fixture(scope="module", params=[0, 1])
@@ -28,11 +28,11 @@ def noisy_pelvis(request, pelvis):
 def test_an_organ_is_found_to_a_fraction_of_a_pixel(noisy_pelvis, organ):
     fit = finish(fit_organ(noisy_pelvis.image, noisy_pelvis.seeds[organ]))
     found = deviation(fit.surface, noisy_pelvis.surfaces[organ])
-    assert found.mean <= MEAN_MM[organ]
+    assert found.mean <= (BLADDER_MEAN_MM if organ == "bladder" else MEAN_MM)
     assert abs(found.mean_signed) <= SIGNED_MM
     assert found.p95 <= P95_MM[organ]
-    # Half the organs' surface lies in slices of 4 mm; nowhere is it missed by more than a part of one.
-    assert found.maximum <= 2.5
+    # Half the organs' surface lies in slices of 4 mm; nowhere is it missed by half a slice. Measured: up to 1.12 mm.
+    assert found.maximum <= 1.6
     assert fit.converged
     assert fit.problems == ()
 
@@ -46,13 +46,13 @@ def test_other_seeds_and_grey_levels_give_the_same_surface(pelvis, organ):
 
 
 @pytest.mark.parametrize("organ", ORGANS)
-def test_the_paper_s_closure_and_a_finer_net_do_as_well(pelvis, organ):
+def test_the_paper_s_closure_and_another_net_do_as_well(pelvis, organ):
     for options in (FitOptions(closure="paper"), FitOptions(net=(17, 13))):
         fit = finish(fit_organ(pelvis.image, pelvis.seeds[organ], options))
         found = deviation(fit.surface, pelvis.surfaces[organ], n_points=3000)
-        # Measured: up to 0.28 mm with the paper's closure, whose poles and seam bend less freely; 0.14 with 17 x 13.
-        assert found.mean <= (0.3 if options.closure == "paper" else 0.2)
-        assert abs(found.mean_signed) <= 0.15
+        # Measured: up to 0.13 mm with the paper's closure, 15 x 11; 0.12 with 17 x 13; -0.04 to +0.01 mm signed.
+        assert found.mean <= MEAN_MM
+        assert abs(found.mean_signed) <= SIGNED_MM
         assert fit.problems == ()
 
 
@@ -60,9 +60,9 @@ def test_the_paper_s_closure_and_a_finer_net_do_as_well(pelvis, organ):
 def test_the_paper_s_solver_does_as_well(pelvis, organ):
     fit = finish(fit_organ(pelvis.image, pelvis.seeds[organ], FitOptions(solver="gradient-descent")))
     found = deviation(fit.surface, pelvis.surfaces[organ], n_points=3000)
-    # Descent stops a little short of the minimum along weakly determined directions.
-    assert found.mean <= 0.25
-    assert abs(found.mean_signed) <= 0.15
+    # Descent stops a little short of the minimum along weakly determined directions. Measured: up to 0.13 mm, -0.08 mm.
+    assert found.mean <= MEAN_MM
+    assert abs(found.mean_signed) <= 0.11
     assert fit.problems == ()
 
 
@@ -70,10 +70,11 @@ def test_the_paper_s_solver_does_as_well(pelvis, organ):
 def test_the_paper_s_settings_put_the_surface_at_the_inner_foot_of_the_ramp(pelvis, organ):
     fit = finish(fit_organ(pelvis.image, pelvis.seeds[organ], FitOptions.as_published()))
     found = deviation(fit.surface, pelvis.surfaces[organ], n_points=3000)
-    # Half a ramp of 2.5 pixels of 0.59 mm is 0.74 mm. Measured: -0.77 to -0.81 mm signed, 0.79 to 0.81 mm mean.
-    assert found.mean_signed == pytest.approx(-fit.options.tau / 2.0, abs=0.15)
+    # Half a ramp of 3 pixels of 0.59 mm is 0.89 mm. Measured: -0.84 to -0.91 mm signed, 0.85 to 0.92 mm mean, 95 %
+    # within 1.28 to 1.34 mm.
+    assert found.mean_signed == pytest.approx(-fit.options.tau / 2.0, abs=0.1)
     assert found.mean <= 0.95
-    assert found.p95 <= 1.6
+    assert found.p95 <= 1.5
     assert fit.problems == ()
     assert fit.converged
     # As in the paper: nothing else ends a stage, and the control points take about 150 iterations.

@@ -10,7 +10,6 @@ from measuring import table
 
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
-from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
@@ -54,9 +53,8 @@ def box_of(label: Region) -> np.ndarray:
 
 
 def farthest_from_start(fit: OrganFit) -> float:
-    """Tell how far a surface went from that of the region it started from, mm."""
-    start = next(step.surface for step in reversed(fit.history) if step.stage == "region")
-    return float(np.abs(closest_points(start, fit.confidence.points.reshape(-1, 3)).distances).max())
+    """Tell how far a surface goes from the region it started from, mm."""
+    return float(np.abs(distances_from(mesh_of_mask(fit.region.image), fit.confidence.points.reshape(-1, 3))).max())
 
 
 def row(case: Hippocampus, start: str, region: Region) -> list[str]:
@@ -91,7 +89,7 @@ def report(*, quick: bool) -> str:
     for case in cases[:1] if quick else cases:
         rows += [row(case, "box", case.box), row(case, "label", case.label)]
     return (
-        "  Deviation from the label of voxels of 1 mm, default options. Farthest: of the surface from that of the "
-        "region it\n  started from. sd: the median of what the fit tells of itself; within 2 sd: share of its area "
+        "  Deviation from the label of voxels of 1 mm, default options. Farthest: of the surface from the region "
+        "it started\n  from. sd: the median of what the fit tells of itself; within 2 sd: share of its area "
         "that is no farther\n  from the label; no edge: share that follows none.\n\n" + table(rows)
     )

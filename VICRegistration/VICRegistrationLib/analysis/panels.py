@@ -20,7 +20,11 @@ from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
 TEXT_COLOUR = "#2b2f36"
 _REGION_COLOUR = "#ffffff"
 _OUTSIDE_COLOUR = "#1b1f27"
-_STAGE_COLOURS = ("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6")
+# As many as there are stages at most: both nets, the coarser one kept, boundary points.
+_STAGE_COLOURS = (
+    *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
+    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e"),
+)
 _MARGIN_MM = 18.0
 
 

@@ -20,7 +20,6 @@ from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .correlation import SampleGrid
 from .edge_width import PROFILE_PIXELS, edge_width
-from .leash import astray
 from .nets import halved, net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
@@ -104,7 +103,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
     found = yield from _last(fine, closed.at(caught.surface), grid)
     why = _GIVEN
-    lost = astray(found.surface, near.surface)
+    lost = plan.astray(found.surface)
     if lost:
         found, held = yield from _held(plan, near, closed, grid, chosen, anchor, lost)
         choices = (*choices, held)
@@ -198,7 +197,7 @@ def _finer(
     gained = (
         f"with {net[0]}x{net[1]} the cost fell by {1.0 - after / before:.1%}, of which noise explains {explained:.1%}"
     )
-    lost = astray(step.surface, near)
+    lost = plan.astray(step.surface)
     if 1.0 - after / before > _WORTH * explained and not lost:
         return step, gained
     kept = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
@@ -222,7 +221,7 @@ def _held(
         for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
             name = f"{stage.name}, held {factor:g} times tighter"
             step = yield from _last(replace(stage, name=name), closed.at(step.surface), grid)
-        if not astray(step.surface, near.surface):
+        if not plan.astray(step.surface):
             return step, Choice("hold on the region", f"{factor:g} times tighter", lost)
     kept = replace(near, stage="region kept", iteration=1, displacement=0.0)
     yield kept

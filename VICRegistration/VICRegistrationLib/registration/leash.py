@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
+from ..imaging.sampling import Sampler
 
 # Share of the radius of a ball of the region's volume.
 _LEASH = 0.5
 _SAMPLES = (32, 20)
 
 
-def astray(surface: BSplineSurface, start: BSplineSurface) -> str:
-    """Tell whether a surface has folded or has gone too far from where it started.
+def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> str:
+    """Tell whether a surface has folded or has gone too far from the separated region.
 
     Parameters
     ----------
     surface : BSplineSurface
-    start : BSplineSurface
-        The surface of the separated region, in the same frame.
+    distance : Sampler
+        Signed distance from the region's boundary, mm, in the surface's frame.
+    volume : float
+        Of the region, mm^3.
 
     Returns
     -------
@@ -33,8 +35,11 @@ def astray(surface: BSplineSurface, start: BSplineSurface) -> str:
     (u_low, u_high), (v_low, v_high) = surface.domain
     u = u_low + (u_high - u_low) * (np.arange(_SAMPLES[0]) + 0.5) / _SAMPLES[0]
     v = v_low + (v_high - v_low) * (np.arange(_SAMPLES[1]) + 0.5) / _SAMPLES[1]
-    away = float(np.abs(closest_points(start, surface.grid(u, v).reshape(-1, 3)).distances).max())
-    radius = (3.0 * abs(start.volume()) / (4.0 * np.pi)) ** (1.0 / 3.0)
+    values, seen = distance.values(surface.grid(u, v).reshape(-1, 3))
+    radius = (3.0 * volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+    if not seen.all():
+        return "its surface left the surroundings of the region"
+    away = float(np.abs(values).max())
     if away > _LEASH * radius:
         return f"its surface went {away:.1f} mm away from the region, more than half the organ's radius"
     return ""

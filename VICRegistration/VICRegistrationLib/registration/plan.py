@@ -16,6 +16,7 @@ from ..imaging.moments import Moments
 from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
 from .correlation import SampleGrid
+from .leash import astray
 from .levels import PROBE_DEPTHS, Levels
 from .nets import grid_shape, halved, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
@@ -110,6 +111,10 @@ class Plan:
         inside, outside = _starting_levels(target, sampler, widest, options)
         voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
         return cls(target, sampler, inside, outside, voxel)
+
+    def astray(self, surface: BSplineSurface) -> str:
+        """Tell why a surface has left the region or is none, see :func:`.leash.astray`; empty if it is in its place."""
+        return astray(surface, Sampler(self.target.distance), self.target.volume)
 
     @property
     def pixel(self) -> float:

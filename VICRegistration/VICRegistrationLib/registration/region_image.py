@@ -32,6 +32,11 @@ class RegionImage:
     distance: Image
     extent: float
 
+    @property
+    def volume(self) -> float:
+        """Volume of the region, mm^3."""
+        return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume
+
 
 def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> RegionImage:
     """Distance image of a region.

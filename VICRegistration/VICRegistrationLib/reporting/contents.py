@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis.comparison import Comparison
 from ..geometry.triangulation import TriangleMesh
 from ..registration.automatic import Choice
+from ..registration.confidence import Confidence
 from ..registration.organ import OrganFit
 
 Point = tuple[float, float, float]
@@ -87,7 +88,7 @@ class ReportedOrgan:
     warnings : sequence of str
         What to look at before the surface is used, a sentence each.
     percentiles : sequence of (percent, mm)
-        Standard deviations that shares of the area stay below, if the confidence is known.
+        Standard deviations that shares of the area stay below.
     compared : Compared, optional
         If there is a reference.
     """
@@ -108,6 +109,6 @@ class ReportedOrgan:
         return self.fit.choices
 
     @property
-    def confidence(self):
-        """How sure the surface is of its place; None if that is not known."""
-        return getattr(self.fit, "confidence", None)
+    def confidence(self) -> Confidence:
+        """How sure the surface is of its place."""
+        return self.fit.confidence

@@ -38,7 +38,7 @@ def organ_section(organ: ReportedOrgan, anchor: str) -> Html:
 
 
 def volume_text(organ: ReportedOrgan) -> str:
-    """Volume with its error bar, if that is known.
+    """Volume with its error bar.
 
     Parameters
     ----------
@@ -49,8 +49,6 @@ def volume_text(organ: ReportedOrgan) -> str:
     str
     """
     volume = organ.fit.surface.volume() / 1000.0
-    if organ.confidence is None:
-        return f"{volume:.1f} ml"
     deviation = float(organ.confidence.volume_sd_ml)
     # As many digits as the error bar has a use for.
     digits = 1 if deviation >= 0.1 else 2
@@ -98,7 +96,7 @@ def _warnings(organ: ReportedOrgan) -> Html:
 
 def _result(organ: ReportedOrgan) -> Html:
     fit = organ.fit
-    rows = [("Volume", volume_text(organ) + (" (one standard deviation)" if organ.confidence is not None else ""))]
+    rows = [("Volume", f"{volume_text(organ)} (one standard deviation)")]
     rows += [] if fit.region is None else [("Separated region", f"{fit.region.volume_ml:.1f} ml")]
     rows += [
         ("Area", f"{fit.surface.area() / 100.0:.1f} cm²"),
@@ -112,8 +110,7 @@ def _result(organ: ReportedOrgan) -> Html:
         ("Time", f"{organ.seconds:.2f} s from the seeds to the surface"),
         ("Control net", f"{fit.options.net[0]}x{fit.options.net[1]}, {fit.options.closure} closure"),
     ]
-    if organ.confidence is not None:
-        rows.insert(3, ("Follows no edge", f"on {percent_text(organ.confidence.unsupported_share)} of the area"))
+    rows.insert(3, ("Follows no edge", f"on {percent_text(organ.confidence.unsupported_share)} of the area"))
     return joined(element("h3", "Result"), table((), rows))
 
 
@@ -134,7 +131,7 @@ def _sides(organ: ReportedOrgan) -> Html:
 
 
 def _confidence(organ: ReportedOrgan) -> Html:
-    if organ.confidence is None or organ.figures.confidence is None:
+    if organ.figures.confidence is None:
         return Html()
     told = [(_percentile_word(percent), f"{value:.2f} mm") for percent, value in organ.percentiles]
     alt = f"{organ.name} from four sides, coloured by the standard deviation of the surface; the table has the numbers."

@@ -100,10 +100,8 @@ def _header(names: str, program: str, date: datetime) -> Html:
 
 def _overview(organs: Sequence[ReportedOrgan], overview: bytes | None, gaps: Sequence[str]) -> Html:
     """All organs beside each other, with links to their sections."""
-    with_confidence = any(organ.confidence is not None for organ in organs)
-    titles = ["organ", "volume", "area", "converged", "valid solid", "warnings"]
-    titles += ["follows no edge"] if with_confidence else []
-    rows = [_overview_row(organ, _anchor(number), with_confidence) for number, organ in enumerate(organs, start=1)]
+    titles = ["organ", "volume", "area", "converged", "valid solid", "warnings", "follows no edge"]
+    rows = [_overview_row(organ, _anchor(number)) for number, organ in enumerate(organs, start=1)]
     parts = [element("h2", "All organs"), table(titles, rows)]
     if overview is not None:
         alt = "Axial, coronal and sagittal slice with the contours of all organs, and their surfaces from two sides."
@@ -113,19 +111,17 @@ def _overview(organs: Sequence[ReportedOrgan], overview: bytes | None, gaps: Seq
     return element("section", *parts, class_="overview")
 
 
-def _overview_row(organ: ReportedOrgan, anchor: str, with_confidence: bool) -> tuple:
+def _overview_row(organ: ReportedOrgan, anchor: str) -> tuple:
     fit, count = organ.fit, len(organ.warnings)
-    row = (
+    return (
         element("a", organ.name, href=f"#{anchor}"),
         volume_text(organ),
         f"{fit.surface.area() / 100.0:.1f} cm²",
         "yes" if fit.converged else "no",
         "no" if fit.problems else "yes",
         element("strong", f"{count}, see there") if count else "none",
+        percent_text(organ.confidence.unsupported_share),
     )
-    if not with_confidence:
-        return row
-    return (*row, "" if organ.confidence is None else percent_text(organ.confidence.unsupported_share))
 
 
 def _image(image: Image, source: Source) -> Html:

@@ -1,0 +1,218 @@
+"""What a fit chooses by itself, and why; and the leash that holds a surface where the image shows no edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_phantom import CENTER, ellipsoid, ellipsoid_image
+
+from VICRegistrationLib.geometry import models, parametrization
+from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.phantom import paint, volume_fractions
+from VICRegistrationLib.imaging.sampling import Sampler
+from VICRegistrationLib.imaging.separation import region_from_box, separate
+from VICRegistrationLib.registration.automatic import noise_share
+from VICRegistrationLib.registration.edge_width import edge_width
+from VICRegistrationLib.registration.leash import astray
+from VICRegistrationLib.registration.nets import halved
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region, refit
+
+
+@pytest.fixture(scope="module")
+def image():
+    return ellipsoid_image()
+
+
+def choices(fit):
+    return {choice.option: choice for choice in fit.choices}
+
+
+# ------------------------------------------------------------------ the net
+
+
+def painted(surface, *, noise=10.0, level=800.0, seed=0):
+    """An organ in even surroundings, pixels of 1.2 mm, slices of 3 mm."""
+    shape = (24, 60, 60)
+    matrix = np.diag([1.2, 1.2, 3.0, 1.0])
+    points = surface.control_net.reshape(-1, 3)
+    matrix[:3, 3] = points.mean(axis=0) - matrix[:3, :3] @ ((np.array(shape[::-1]) - 1) / 2.0)
+    mesh = triangulate(surface, chord_error=0.1)
+    grey = paint(np.full(shape, 200.0), [(volume_fractions(mesh.points, mesh.triangles, shape, matrix), level)])
+    return Image(grey + noise * np.random.default_rng(seed).standard_normal(shape), matrix)
+
+
+@pytest.fixture(scope="module")
+def dented():
+    """An organ with two dents that 9x7 control points cannot follow."""
+    model = models.closed_organ((17, 11), axes=np.diag([20.0, 20.0, 24.0]))
+    net = model.control_net
+    push = np.zeros_like(net)
+    for place in ([20.0, 0.0, 6.0], [-14.0, -14.0, -6.0]):
+        push -= 6.0 * np.exp(-np.square(net - place).sum(axis=-1, keepdims=True) / 60.0) * np.array(place) / 22.0
+    smooth = parametrization.closed_organ(model)
+    return smooth.deform(smooth.fit(net + push))
+
+
+def test_detail_makes_the_net_finer_and_the_reason_is_told(dented):
+    fit = finish(fit_organ(painted(dented), [[0.0, 0.0, 0.0]]))
+    assert fit.options.net == (17, 11)
+    net = choices(fit)["net"]
+    assert net.value == "17x11"
+    assert "of which noise explains" in net.reason
+
+
+def test_noise_alone_does_not():
+    # Twelve standard deviations of noise to the contrast leave nothing to be found in more detail.
+    smooth = models.closed_organ(axes=np.diag([14.0, 15.0, 17.0]))
+    fit = finish(fit_organ(painted(smooth, noise=260.0), [[0.0, 0.0, 0.0]], FitOptions(threshold=(500.0, 5000.0))))
+    assert fit.options.net == (9, 7)
+    assert fit.history[-1].stage == "coarser net kept"
+    assert fit.surface is fit.history[-1].surface
+
+
+def test_what_is_asked_for_is_done(image):
+    fit = finish(fit_organ(image, CENTER[None], FitOptions(net=(9, 7), tau=2.5, smoothness=1e-4)))
+    assert fit.options == replace(fit.options, net=(9, 7), tau=2.5, smoothness=1e-4)
+    assert {choice.reason for choice in fit.choices} == {"as asked for"}
+    assert not [step for step in fit.history if "finer net" in step.stage]
+
+
+def test_a_finer_net_is_the_same_surface():
+    coarse = ellipsoid()
+    fine = halved(coarse)
+    u, v = np.linspace(0.01, 0.99, 40), np.linspace(0.02, 0.98, 40)
+    np.testing.assert_allclose(fine.points(u, v), coarse.points(u, v), atol=1e-12)
+    assert fine.control_net.shape == (19, 11, 3)
+
+
+def test_the_finer_net_keeps_the_smooth_closure(dented):
+    fit = finish(fit_organ(painted(dented), [[0.0, 0.0, 0.0]]))
+    parametrization.closed_organ(fit.surface, closure="smooth")
+    again = finish(refit(painted(dented), fit.surface))
+    assert again.options.closure == "smooth"
+    assert again.options.net == (17, 11)
+
+
+def test_noise_takes_a_share_of_the_cost():
+    # 300 degrees of freedom move 100 places along the normal; 1000 mm^3 hold 1000 voxels of 1 mm.
+    assert noise_share(300, 1000.0, np.eye(3)) == pytest.approx(0.1)
+    assert noise_share(300, 1000.0, np.diag([1.0, 1.0, -2.0])) == pytest.approx(0.2)
+
+
+# ------------------------------------------------------------------ tau and smoothness
+
+
+@pytest.mark.parametrize("width", [3.0, 4.0, 5.0])
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_width_of_an_edge_is_measured(width, dark):
+    matrix = np.eye(4)
+    matrix[:3, 3] = -32.0
+    k, j, i = np.indices((65, 65, 65)) - 32.0
+    away = np.clip((np.sqrt(i**2 + j**2 + k**2) - 20.0) / width + 0.5, 0.0, 1.0)
+    ramp = 0.5 * (1.0 + np.cos(np.pi * away))
+    array = 50.0 + 100.0 * (1.0 - ramp if dark else ramp)
+    sphere = models.closed_organ((17, 11), axes=np.diag([20.0] * 3))
+    found = edge_width(Sampler(Image(array, matrix)), sphere, np.eye(3))
+    # Interpolation between voxels widens it a little.
+    assert found == pytest.approx(width, rel=0.2)
+
+
+def test_where_there_is_no_edge_there_is_no_width():
+    flat = Image(np.full((40, 40, 40), 7.0), np.diag([2.0, 2.0, 2.0, 1.0]))
+    sphere = models.closed_organ(axes=np.diag([15.0] * 3), center=(40.0, 40.0, 40.0))
+    assert edge_width(Sampler(flat), sphere, 2.0 * np.eye(3)) is None
+
+
+def test_tau_is_held_within_what_suits_mri(image):
+    fit = finish(fit_organ(image, CENTER[None]))
+    assert 2.0 * 1.2 <= fit.options.tau <= 3.0 * 1.2
+    assert choices(fit)["tau"].value == f"{fit.options.tau:.2f} mm"
+    assert "the edge in the image is" in choices(fit)["tau"].reason
+
+
+def test_more_noise_is_more_stiffness(dented):
+    quiet, noisy = (finish(fit_organ(painted(dented, noise=noise), [[0.0, 0.0, 0.0]])) for noise in (5.0, 90.0))
+    assert noisy.options.smoothness > quiet.options.smoothness
+    assert "of the contrast" in choices(noisy)["smoothness"].reason
+
+
+# ------------------------------------------------------------------ the leash
+
+
+def judged(surface):
+    """Whether a surface is astray of the region of the small phantom's ellipsoid."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = CENTER - 35.0
+    k, j, i = np.indices((71, 71, 71))
+    points = np.stack([i, j, k], axis=-1) - 35.0
+    # Near the boundary about the signed distance from it.
+    distance = 18.0 * (np.linalg.norm(points / [14.0, 18.0, 22.0], axis=-1) - 1.0)
+    return astray(surface, Sampler(Image(distance, matrix)), ellipsoid().volume())
+
+
+def test_a_surface_in_its_place_is_not_astray():
+    assert judged(ellipsoid()) == ""
+
+
+@pytest.mark.parametrize(
+    ("shift", "why"),
+    [(12.0, "mm away from the region, more than half the organ's radius"), (60.0, "left the surroundings")],
+)
+def test_a_surface_far_away_is(shift, why):
+    assert why in judged(
+        ellipsoid().transformed(np.array([[1, 0, 0, shift], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+    )
+
+
+def test_a_folded_surface_is():
+    net = ellipsoid().control_net.copy()
+    net[:, [2, 4]] = net[:, [4, 2]]
+    assert "no valid one" in judged(ellipsoid().with_control_net(net))
+
+
+def test_an_image_of_nothing_but_tissue_does_not_tear_a_surface_apart():
+    # Blotches of 6 mm, no organ.
+    random = np.random.default_rng(3).choice([60.0, 100.0, 160.0], (12, 12, 12))
+    array = np.kron(random, np.ones((5, 5, 5))) + np.random.default_rng(4).normal(0.0, 5.0, (60, 60, 60))
+    image = Image(array, np.eye(4))
+    fit = finish(fit_region(image, region_from_box(image, [[18.0, 16.0, 14.0], [42.0, 44.0, 46.0]])))
+    assert fit.problems == ()
+    center, radii = np.array([30.0, 30.0, 30.0]), np.array([12.0, 14.0, 16.0])
+    reach = np.linalg.norm((fit.confidence.points - center) / radii, axis=-1)
+    # At most half a radius out of the box.
+    assert reach.min() > 0.3
+    assert reach.max() < 1.7
+    hold = choices(fit).get("hold on the region")
+    assert hold is not None
+    assert hold.value.endswith("times tighter") or hold.value == "the region's own surface"
+    assert fit.confidence.unsupported_share > 0.3
+
+
+def test_a_box_is_an_ellipsoid():
+    image = Image(np.zeros((40, 40, 40)), np.eye(4))
+    region = region_from_box(image, [[30.0, 5.0, 8.0], [10.0, 25.0, 32.0]])
+    assert region.volume_ml == pytest.approx(4.0 / 3.0 * np.pi * 10.0 * 10.0 * 12.0 / 1000.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([[0, 0, 0], [0, 5, 5]], "with a length, a width and a height"),
+        ([[0, 0, 0]], "two opposite corners R, A, S in mm are needed"),
+        ([[500, 500, 500], [520, 520, 520]], "holds no voxel of the image"),
+    ],
+)
+def test_a_box_that_is_none_is_refused(corners, message):
+    with pytest.raises(ValueError, match=message):
+        region_from_box(Image(np.zeros((9, 9, 9)), np.eye(4)), corners)
+
+
+def test_the_region_of_a_leak_is_not_taken_for_the_organ(image):
+    # A bridge as wide as the organ into tissue as bright: what the seed sees tells how large the organ is.
+    leaky = image.array.copy()
+    leaky[:, :6, :] = 800
+    region = separate(Image(leaky, image.ijk_to_ras), CENTER)
+    assert region.volume_ml == pytest.approx(ellipsoid().volume() / 1000.0, rel=0.1)
