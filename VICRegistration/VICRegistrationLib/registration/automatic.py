@@ -18,11 +18,11 @@ from ..geometry.parametrization import Parametrization, affine
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
-from .correlation import SampleGrid
 from .edge_width import PROFILE_PIXELS, edge_width
 from .nets import halved, net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
+from .sample_grid import SampleGrid
 from .stages import Stage, Step, cost_of, run_stage
 
 # Smoothness for a mean squared residual of 1. Tried 1e-3 to 1.5e-2 on phantoms and real bladders: more takes the

@@ -15,12 +15,12 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
-from .correlation import SampleGrid
 from .leash import astray
 from .levels import PROBE_DEPTHS, Levels
 from .nets import grid_shape, halved, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
+from .sample_grid import SampleGrid
 from .stages import Stage
 
 # Surroundings of the region that the model may start in, mm.

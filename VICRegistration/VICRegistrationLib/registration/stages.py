@@ -11,10 +11,11 @@ from ..geometry.bending import bending_matrix
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
-from .correlation import Correlation, SampleGrid
+from .correlation import Correlation
 from .levels import Levels
 from .losses import LOSSES
 from .profile import cosine_ramp, linear_ramp
+from .sample_grid import SampleGrid
 from .solvers import SOLVERS, Iterate, Objective
 
 RAMPS = {"cosine": cosine_ramp, "linear": linear_ramp}
