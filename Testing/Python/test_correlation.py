@@ -11,9 +11,10 @@ from VICRegistrationLib.geometry.parametrization import affine, closed_organ, co
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration import correlation as correlation_module
-from VICRegistrationLib.registration.correlation import Correlation, SampleGrid
+from VICRegistrationLib.registration.correlation import Correlation
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.profile import cosine_ramp
+from VICRegistrationLib.registration.sample_grid import SampleGrid
 
 AXES = np.array([[15.0, 2.0, 0.0], [-1.5, 11.0, 1.0], [0.0, 2.5, 20.0]])
 DEPTHS = np.linspace(-0.5, 0.5, 5)

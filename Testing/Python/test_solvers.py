@@ -11,9 +11,10 @@ from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import affine, affine_matrix, closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.correlation import Correlation, SampleGrid
+from VICRegistrationLib.registration.correlation import Correlation
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.profile import cosine_ramp
+from VICRegistrationLib.registration.sample_grid import SampleGrid
 from VICRegistrationLib.registration.solvers import SOLVERS, Objective
 
 RADIUS = 20.0

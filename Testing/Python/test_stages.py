@@ -11,9 +11,9 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.phantom import volume_fractions
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.correlation import SampleGrid
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.profile import cosine_ramp
+from VICRegistrationLib.registration.sample_grid import SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
 
 GRID = (24, 16)

@@ -14,9 +14,9 @@ from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.imaging.separation import separate
-from VICRegistrationLib.registration.correlation import SampleGrid
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.sample_grid import SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
 
 ITERATIONS = 3

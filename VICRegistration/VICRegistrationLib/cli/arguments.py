@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 from .. import __version__
 from ..geometry.parametrization import CLOSURES
+from ..registration.losses import LOSSES
 from ..registration.solvers import SOLVERS
 from . import (
     commands,
@@ -227,6 +228,11 @@ def _add_fit(subparsers) -> None:
         metavar="MM",
         type=argument(values.tau),
         help="width of the edge in the image (default: measured there, within 2 to 3 pixels)",
+    )
+    how.add_argument(
+        "--loss",
+        choices=LOSSES,
+        help="huber: places at the wall that look like something else count less (default: squares)",
     )
     how.add_argument(
         "--smoothness",

@@ -15,8 +15,8 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
     }
 
 Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``dilation``, ``net``,
-``closure``, ``solver``, ``tau``, ``smoothness`` and ``boundary`` are optional. A net, tau and smoothness that are not
-given are chosen by what the image shows, see :mod:`..registration.automatic`.
+``closure``, ``solver``, ``tau``, ``smoothness``, ``loss`` and ``boundary`` are optional. A net, tau and smoothness that
+are not given are chosen by the fit.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ OPTIONS = {
     "solver": values.solver,
     "tau": values.tau,
     "smoothness": values.smoothness,
+    "loss": values.loss,
 }
 _CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS, "boundary": values.boundaries}
 

@@ -8,6 +8,7 @@ import re
 import unicodedata
 
 from ..geometry.parametrization import CLOSURES
+from ..registration.losses import LOSSES
 from ..registration.solvers import SOLVERS
 
 # Beyond this the control points lie closer together than any image has voxels.
@@ -154,6 +155,11 @@ def net(value: object) -> tuple[int, int]:
 def closure(value: object) -> str:
     """Check how the surface is closed."""
     return _choice(value, CLOSURES)
+
+
+def loss(value: object) -> str:
+    """Check the loss."""
+    return _choice(value, LOSSES)
 
 
 def solver(value: object) -> str:

@@ -18,10 +18,11 @@ from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
-from .correlation import Correlation, SampleGrid, Support
+from .correlation import Correlation, Support
 from .nets import grid_shape, net_of
 from .options import FitOptions
 from .plan import machinery, surface_stages
+from .sample_grid import SampleGrid
 from .stages import stiffness
 
 # Standard deviation of a surface before the image was looked at, mm: about as far as a fit goes.

@@ -31,8 +31,9 @@ from ..geometry.parametrization import closed_organ as closed_organ_parametrizat
 from ..geometry.projection import Projection, closest_points
 from ..geometry.surface import BSplineSurface
 from .boundary import check_distances
-from .correlation import Correlation, Frame, SampleGrid
+from .correlation import Correlation, Frame
 from .nets import grid_shape, net_of, refined
+from .sample_grid import SampleGrid
 from .solvers import Objective
 from .stages import Stage, Step, iterate_stage
 

@@ -7,67 +7,23 @@ d grad I . dn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 
-from ..geometry import bspline
 from ..geometry.parametrization import Parametrization
-from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .levels import PROBE_DEPTHS, Levels
+from .losses import sample_shares
+from .sample_grid import SampleGrid
 
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
 # The same for degrees of freedom, where they are fewer than the control points.
 _DENSE_DOF = 200
-# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
-_KEPT_MOTIONS = 8
 # How much more the surface is held where its edge is weak.
 _LARGEST_DOUBT = 20.0
-
-
-@dataclass(frozen=True, eq=False)
-class SampleGrid:
-    """Parameters at which a surface is compared with the image, and the basis functions there.
-
-    Parameters
-    ----------
-    shape : (n_u, n_v)
-        Number of parameters in each direction: midpoints of equal intervals, so that poles and seam are not hit.
-    bases : six (n_u * n_v, n_control) csr_matrix
-        Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v, S_uu, S_uv, S_vv.
-    """
-
-    shape: tuple[int, int]
-    bases: tuple[sparse.csr_matrix, ...]
-    _motions: dict = field(default_factory=dict, repr=False)
-
-    @classmethod
-    def on(cls, surface: BSplineSurface, shape: tuple[int, int]) -> SampleGrid:
-        """Grid of n_u x n_v samples for surfaces with the same degrees and knots as this one."""
-        one_way = []
-        for degree, knots, n in zip(surface.degrees, (surface.knots_u, surface.knots_v), shape):
-            low, high = bspline.domain(degree, knots)
-            x = low + (high - low) * (np.arange(n) + 0.5) / n
-            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1, 2)])
-        along_u, along_v = one_way
-        orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-        return cls(tuple(shape), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders))
-
-    def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
-        """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
-
-        Kept, because the stages of a registration and the coordinates share their matrices.
-        """
-        if id(matrix) not in self._motions:
-            products = [basis @ matrix for basis in self.bases[:3]]
-            # The matrix is kept too, so that its id stays its own.
-            self._motions[id(matrix)] = matrix, tuple(p.toarray() if dense else p.tocsr() for p in products)
-            while len(self._motions) > _KEPT_MOTIONS:
-                del self._motions[next(iter(self._motions))]
-        return self._motions[id(matrix)][1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +65,7 @@ class _Reading:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What is held while a step is computed: sample distances (n, m), levels, contrast, weights of the lines (n,)."""
+    """What is held while a step is computed: sample distances (n, m), levels, contrast, weights (n, 1) or (n, m)."""
 
     offsets: np.ndarray
     inside: np.ndarray
@@ -164,6 +120,8 @@ class Correlation:
         The profile's ramp from 1 (inside) to 0 (outside) at these depths.
     levels : Levels
         Grey levels inside and outside and the width of the ramp, given or estimated from the image.
+    loss : {"squares", "huber"}
+        How much samples with large residuals count, see :func:`.losses.sample_shares`.
     sparse : bool, optional
         Whether to use sparse matrices; for large control nets if not given.
 
@@ -187,8 +145,10 @@ class Correlation:
         depths: np.ndarray,
         ramp: np.ndarray,
         levels: Levels,
+        loss: str = "squares",
         sparse: bool | None = None,
     ):
+        self.loss = loss
         self.sampler = sampler
         self.parametrization = parametrization
         self.grid = grid
@@ -232,11 +192,16 @@ class Correlation:
             depths=self.depths,
             ramp=self.ramp,
             levels=self.levels,
+            loss=self.loss,
             sparse=parametrization.n_dof > _DENSE_DOF,
         )
         held = self._held
         part._held = _Held(
-            held.offsets[lines], held.inside[lines], held.outside[lines], held.contrast, share * held.weight[lines]
+            held.offsets[lines],
+            held.inside[lines],
+            held.outside[lines],
+            held.contrast,
+            share[:, None] * held.weight[lines],
         )
         part._settled = True
         return part
@@ -280,7 +245,11 @@ class Correlation:
             inside = np.full(len(shift), float(self.levels.inside))
             outside = np.full(len(shift), float(self.levels.outside))
         contrast = self.levels.contrast(inside, outside, frame.length)
-        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, weight)
+        self._held = _Held(shift[:, None] + width * self.depths, inside, outside, contrast, weight[:, None])
+        if self.loss != "squares":
+            samples = self.sample(q)
+            shares = sample_shares(self.loss, samples.residuals, samples.weights)
+            self._held = replace(self._held, weight=shares * self._held.weight)
 
     def sample(self, q: np.ndarray) -> Samples:
         """Residuals, image gradients and weights at q, with the levels held since the last refresh."""
@@ -289,7 +258,7 @@ class Correlation:
         held, seen = self._held, self._read(q)
         virtual = held.outside[:, None] + (held.inside - held.outside)[:, None] * self.ramp
         residuals = np.where(seen.valid, (seen.values - virtual) / held.contrast, 0.0)
-        weights = np.where(seen.valid, held.weight[:, None] / len(self.depths), 0.0)
+        weights = np.where(seen.valid, held.weight / len(self.depths), 0.0)
         return Samples(seen.frame, residuals, seen.gradients / held.contrast, weights)
 
     def support(self, q: np.ndarray) -> Support:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..geometry.parametrization import CLOSURES
 from .levels import LEVEL_MODES
+from .losses import LOSSES
 from .solvers import SOLVERS
 
 # The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
@@ -46,6 +47,9 @@ class FitOptions:
     smoothness : float, optional
         Weight of the thin-plate energy on the grey levels, dimensionless, see :class:`.stages.Stage`; larger is
         stiffer. If not given, it is chosen by the noise.
+    loss : {"squares", "huber"}
+        How much samples on the grey levels count that are far from the virtual image's: their squares, as published, or
+        less, where small clots lie at the wall.
     tolerance : float
         Largest displacement of a control point at which the last stage stops, mm.
     stopping : {"settled", "published"}
@@ -70,6 +74,7 @@ class FitOptions:
     inside: float | None = None
     outside: float | None = None
     smoothness: float | None = None
+    loss: str = "squares"
     tolerance: float = 0.1
     stopping: str = "settled"
     max_iterations: int | None = None
@@ -79,7 +84,13 @@ class FitOptions:
         """Check what can be checked without an image."""
         if self.net is not None:
             object.__setattr__(self, "net", _checked_net(self.net))
-        words = {"solver": tuple(SOLVERS), "levels": LEVEL_MODES, "closure": CLOSURES, "stopping": STOPPINGS}
+        words = {
+            "solver": tuple(SOLVERS),
+            "levels": LEVEL_MODES,
+            "closure": CLOSURES,
+            "stopping": STOPPINGS,
+            "loss": LOSSES,
+        }
         for name, choices in words.items():
             if getattr(self, name) not in choices:
                 msg = f"The option {name} is {getattr(self, name)!r}; choose one of {', '.join(choices)}."

@@ -28,10 +28,10 @@ from .bent_model import bent_model
 from .boundary import checked_boundary_points
 from .confidence import Confidence, confidence_of
 from .correction import correct
-from .correlation import SampleGrid
 from .nets import closure_of, grid_shape, net_of
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import Plan, generic_model, surface_stages
+from .sample_grid import SampleGrid
 from .stages import Step, cost_of, run_stage
 
 

@@ -15,12 +15,12 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
-from .correlation import SampleGrid
 from .leash import astray
 from .levels import PROBE_DEPTHS, Levels
 from .nets import grid_shape, halved, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
+from .sample_grid import SampleGrid
 from .stages import Stage
 
 # Surroundings of the region that the model may start in, mm.
@@ -187,6 +187,7 @@ def grey_level_stages(
             anchor=ANCHOR if anchor is None else anchor,
             tolerance=patience * loosening * options.tolerance,
             cost_tolerance=patience_cost * loosening * COST_TOLERANCE,
+            loss=options.loss,
             solver=options.solver,
             max_iterations=options.max_iterations,
         )

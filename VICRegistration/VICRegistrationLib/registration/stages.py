@@ -11,9 +11,11 @@ from ..geometry.bending import bending_matrix
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
-from .correlation import Correlation, SampleGrid
+from .correlation import Correlation
 from .levels import Levels
+from .losses import LOSSES
 from .profile import cosine_ramp, linear_ramp
+from .sample_grid import SampleGrid
 from .solvers import SOLVERS, Iterate, Objective
 
 RAMPS = {"cosine": cosine_ramp, "linear": linear_ramp}
@@ -46,6 +48,8 @@ class Stage:
         Weights of energies of the displacement since the stage began, in units of the ramp's width; dimensionless.
         Bending is the thin-plate energy (1 for one wave around the organ as high as the ramp is wide), sliding the mean
         square within the surface, which the image does not determine, anchor the mean square along the normal.
+    loss : {"squares", "huber"}
+        How much samples with large residuals count, see :func:`.losses.sample_shares`.
     solver : {"gauss-newton", "gradient-descent"}
     stop_rule : {"displacement", "parameters"}
         Stop when no control point moved by more than `tolerance` (mm), or no degree of freedom changed by more than
@@ -68,6 +72,7 @@ class Stage:
     bending: float = 0.0
     sliding: float = 0.0
     anchor: float = 0.0
+    loss: str = "squares"
     solver: str = "gauss-newton"
     stop_rule: str = "displacement"
     tolerance: float = 0.01
@@ -77,7 +82,12 @@ class Stage:
 
     def __post_init__(self) -> None:
         """Check the choices."""
-        for name, choices in (("solver", SOLVERS), ("stop rule", STOP_RULES), ("ramp", RAMPS)):
+        for name, choices in (
+            ("solver", SOLVERS),
+            ("stop rule", STOP_RULES),
+            ("ramp", RAMPS),
+            ("loss", LOSSES),
+        ):
             found = getattr(self, name.replace(" ", "_"))
             if found not in choices:
                 msg = f"The {name} {found!r} was asked for; choose one of {', '.join(choices)}."
@@ -87,7 +97,9 @@ class Stage:
         """Make the correlation that this stage minimises over a parametrization."""
         depths = np.linspace(-self.reach, self.reach, self.n_depths) + (0.0 if self.centered else 0.5)
         ramp = RAMPS[self.ramp](depths, centered=self.centered)
-        return Correlation(self.sampler, parametrization, grid, depths=depths, ramp=ramp, levels=self.levels)
+        return Correlation(
+            self.sampler, parametrization, grid, depths=depths, ramp=ramp, levels=self.levels, loss=self.loss
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ from ..geometry import models
 from ..geometry.parametrization import affine, affine_matrix
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler, smooth
-from ..registration.correlation import SampleGrid
 from ..registration.levels import Levels
 from ..registration.profile import cosine_ramp
+from ..registration.sample_grid import SampleGrid
 from ..registration.stages import Stage, Step, run_stage
 
 IMAGE_MM = 100.0

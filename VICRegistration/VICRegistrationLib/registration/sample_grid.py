@@ -1,0 +1,55 @@
+"""Parameters at which a surface is compared with an image, and its basis functions there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from scipy import sparse
+
+from ..geometry import bspline
+from ..geometry.surface import BSplineSurface
+
+# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
+_KEPT_MOTIONS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class SampleGrid:
+    """Parameters at which a surface is compared with the image, and the basis functions there.
+
+    Parameters
+    ----------
+    shape : (n_u, n_v)
+        Number of parameters in each direction: midpoints of equal intervals, so that poles and seam are not hit.
+    bases : six (n_u * n_v, n_control) csr_matrix
+        Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v, S_uu, S_uv, S_vv.
+    """
+
+    shape: tuple[int, int]
+    bases: tuple[sparse.csr_matrix, ...]
+    _motions: dict = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def on(cls, surface: BSplineSurface, shape: tuple[int, int]) -> SampleGrid:
+        """Grid of n_u x n_v samples for surfaces with the same degrees and knots as this one."""
+        one_way = []
+        for degree, knots, n in zip(surface.degrees, (surface.knots_u, surface.knots_v), shape):
+            low, high = bspline.domain(degree, knots)
+            x = low + (high - low) * (np.arange(n) + 0.5) / n
+            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1, 2)])
+        along_u, along_v = one_way
+        orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+        return cls(tuple(shape), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders))
+
+    def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
+        """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
+
+        Kept, because the stages of a registration and the coordinates share their matrices.
+        """
+        if id(matrix) not in self._motions:
+            products = [basis @ matrix for basis in self.bases[:3]]
+            # The matrix is kept too, so that its id stays its own.
+            self._motions[id(matrix)] = matrix, tuple(p.toarray() if dense else p.tocsr() for p in products)
+            while len(self._motions) > _KEPT_MOTIONS:
+                del self._motions[next(iter(self._motions))]
+        return self._motions[id(matrix)][1]
