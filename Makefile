@@ -2,7 +2,7 @@
 #   make demo        fit three organs in a synthetic pelvic MRI, pictures in build/demo
 #   make test        run the tests
 #   make lint        check style and format
-#   make benchmark   measure time and memory
+#   make benchmark   measure accuracy, robustness, time and memory
 #   make screenshots draw the README's pictures of Slicer (needs Python 3.10+ and OpenGL, no Slicer)
 #   make reproduce   repeat the paper's validation, table and plots in build/reproduce
 #   make clean       remove everything made by the above

@@ -18,19 +18,24 @@ def modules():
     """The benchmark is a folder of scripts, not a package."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(FOLDER))
+        import accuracy
         import bladders
         import boundaries
+        import confidence
         import growth
+        import hippocampus
         import measuring
         import meshes
         import previews
+        import robustness
         import run
         import scenes
         import simulations
         import surfaces
         import volumes
 
-        found = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
+        parts = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
+        found = (accuracy, confidence, hippocampus, robustness, *parts)
         yield {module.__name__: module for module in found}
         for module in found:
             del sys.modules[module.__name__]
@@ -84,16 +89,101 @@ def test_vtk_and_the_fit_are_timed_on_the_same_region(modules, scene):
     assert result["iterations"] > 0
 
 
-def test_errors_of_a_surface_against_itself_are_those_of_its_triangles(modules):
+def test_a_surface_against_itself_is_off_by_nothing(modules, image):
     from VICRegistrationLib.geometry import models
-    from VICRegistrationLib.geometry.triangulation import triangulate
 
+    accuracy = modules["accuracy"]
     truth = models.closed_organ((9, 7), axes=30.0 * np.eye(3))
-    mesh = triangulate(truth, resolution=(160, 100))
-    found = modules["surfaces"].errors(mesh.points, mesh.triangles, mesh.normals, truth)
-    # Chords of 1.2 mm on a radius of 30 mm: 0.006 mm; normals are means of three exact ones.
-    assert found["p95"] < 0.02
-    assert found["angle"] < 0.5
+    points = truth.grid(np.linspace(0.0, 1.0, 30), np.linspace(0.05, 0.95, 20)).reshape(-1, 3)
+    normals = truth.normals(*accuracy.closest_points(truth, points).parameters.T)
+    found = accuracy.of_surface(truth, accuracy.Case("", image, None, truth, points, normals))
+    assert found.distances.maximum < 1e-6
+    # The arc cosine of a number next to 1 has half its digits.
+    assert found.angle < 1e-4
+    assert found.back.maximum < 1e-6
+
+
+def test_normals_of_a_label_are_those_of_the_shape_that_was_drawn(modules):
+    from VICRegistrationLib.analysis.deviation import mesh_of_mask, points_on
+    from VICRegistrationLib.imaging.image import Image
+
+    matrix = np.diag([-0.5, 0.5, 1.0, 1.0])
+    k, j, i = np.indices((60, 110, 110))
+    away = np.stack([-0.5 * i, 0.5 * j, k], axis=-1) - [-27.0, 27.0, 30.0]
+    label = Image(np.linalg.norm(away, axis=-1) <= 22.0, matrix)
+    points = points_on(mesh_of_mask(label), 2000)
+    radial = points - [-27.0, 27.0, 30.0]
+    cosines = np.einsum("nk,nk->n", modules["accuracy"].label_normals(label, points), radial)
+    angles = np.degrees(np.arccos(np.clip(cosines / np.linalg.norm(radial, axis=1), -1.0, 1.0)))
+    # The voxels' own faces are off by 20 degrees and more.
+    assert angles.mean() < 2.0
+
+
+def test_smoothed_triangles_are_measured_like_a_surface(modules, scene):
+    from VICRegistrationLib.geometry import models
+
+    accuracy = modules["accuracy"]
+    truth = models.closed_organ((33, 25), axes=np.diag([35.0, 32.0, 30.0]))
+    points = accuracy.points_on(truth, 2000)
+    normals = truth.normals(*accuracy.closest_points(truth, points).parameters.T)
+    case = accuracy.Case("", scene.image, None, truth, points, normals)
+    found = accuracy.of_contour(scene.region, case)
+    # Voxels of 1.18 and 3 mm.
+    assert found.distances.mean < 1.0
+    assert 2.0 < found.angle < 20.0
+    assert found.back.mean == pytest.approx(found.distances.mean, rel=0.3)
+
+
+def test_the_table_of_accuracy_has_both_surfaces_and_the_paper_s(modules, pelvis, monkeypatch):
+    monkeypatch.setattr(modules["accuracy"], "pelvis_phantom", lambda: pelvis)
+    monkeypatch.setattr(modules["accuracy"], "bladders", list)
+    text = modules["accuracy"].report(quick=True)
+    for organ in ("bladder", "vagina", "rectum"):
+        assert re.search(rf"{organ}, demo: fitted +0\.\d\d ", text)
+    assert text.count("triangles / fitted") == 3
+    assert re.search(r"vagina, paper's witness 3 +1\.23 +1\.04\n", text)
+    assert "smoothed triangles worse in mean, 95 % and normals: so" in text
+    assert "Real bladders were skipped" in text
+
+
+def test_seeds_are_drawn_from_all_of_an_organ(modules):
+    from VICRegistrationLib.geometry import models
+    from VICRegistrationLib.geometry.projection import closest_points
+
+    ball = models.closed_organ((9, 7), axes=10.0 * np.eye(3))
+    seeds = modules["robustness"].seeds_anywhere(ball, 400, np.random.default_rng(0))
+    assert seeds.shape == (400, 3)
+    depths = -closest_points(ball, seeds).distances
+    assert depths.min() > 0.0
+    # In a ball, an eighth of the volume is deeper than half the radius.
+    assert np.mean(depths > 5.0) == pytest.approx(0.125, abs=0.05)
+
+
+def test_sureness_counts_area_within_two_deviations(modules):
+    confidence = modules["confidence"]
+    areas = np.array([0.5, 0.3, 0.2])
+    one = confidence.Sureness("bladder", 0.05, np.array([0.1, -0.3, 0.9]), np.array([0.1, 0.2, 0.4]), areas, -1.0)
+    assert one.covered == pytest.approx(0.8)
+    # 95 % needs the third point too, three quarters of the way up from the second.
+    assert confidence.widening([one]) == pytest.approx((1.5 + 0.75 * 0.75) / 2.0)
+
+
+def test_confidence_is_told_for_every_organ_and_noise(modules, pelvis, monkeypatch):
+    monkeypatch.setattr(modules["confidence"], "phantom", lambda number: ((0.05, 0.1)[number], pelvis))
+    text = modules["confidence"].report(quick=True)
+    assert re.search(r"all +6 +9\d\.\d% ", text)
+    assert re.search(r"rectum +2 ", text)
+    assert re.search(r"noise 10% +3 ", text)
+
+
+def test_hippocampi_are_left_out_where_there_are_none(modules, tmp_path):
+    assert modules["hippocampus"].hippocampi(tmp_path) == []
+
+
+def test_a_hippocampus_is_told_from_its_box_and_from_its_label(modules, shared_data):
+    text = modules["hippocampus"].report(quick=True)
+    assert re.search(r"001, from its box +\d\.\d\d ", text)
+    assert re.search(r"001, from its label +\d\.\d\d ", text)
 
 
 def test_vtks_contour_lies_where_the_organ_is(modules, scene):

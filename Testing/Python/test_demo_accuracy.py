@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from robustness import ALLOWED_MM, trials
 
 from VICRegistrationLib.analysis.deviation import deviation
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
 
 ORGANS = ("bladder", "vagina", "rectum")
-# Asked for: 0.25 mm in the mean and 0.1 mm signed. Measured: 0.07 to 0.13 mm, -0.05 to +0.01 mm.
+# Asked for: 0.2 mm in the mean for the bladder, 0.3 mm for the others, 0.8 mm at 95 %. Measured: 0.07 to 0.08 and 0.11
+# to 0.13 mm; at 95 %, 0.20 to 0.21 and 0.35 to 0.44 mm; signed, -0.05 to +0.01 mm.
 MEAN_MM, SIGNED_MM = 0.16, 0.07
+BLADDER_MEAN_MM = 0.12
+P95_MM = {"bladder": 0.3, "vagina": 0.5, "rectum": 0.5}
 
 
 @pytest.fixture(scope="module", params=[0, 1])
@@ -23,14 +28,21 @@ def noisy_pelvis(request, pelvis):
 def test_an_organ_is_found_to_a_fraction_of_a_pixel(noisy_pelvis, organ):
     fit = finish(fit_organ(noisy_pelvis.image, noisy_pelvis.seeds[organ]))
     found = deviation(fit.surface, noisy_pelvis.surfaces[organ])
-    assert found.mean <= MEAN_MM
+    assert found.mean <= (BLADDER_MEAN_MM if organ == "bladder" else MEAN_MM)
     assert abs(found.mean_signed) <= SIGNED_MM
-    # Half the organs' surface lies in slices of 4 mm; nowhere is it missed by half a slice. Measured: 0.20 to
-    # 0.44 mm, and up to 1.12 mm.
-    assert found.p95 <= 0.5
+    assert found.p95 <= P95_MM[organ]
+    # Half the organs' surface lies in slices of 4 mm; nowhere is it missed by half a slice. Measured: up to 1.12 mm.
     assert found.maximum <= 1.6
     assert fit.converged
     assert fit.problems == ()
+
+
+@pytest.mark.parametrize("organ", ORGANS)
+def test_other_seeds_and_grey_levels_give_the_same_surface(pelvis, organ):
+    found = trials(pelvis, organ, 2, np.random.default_rng(7))
+    assert found.failures == ()
+    # Measured in 120 trials: 0.004 mm in the median, 0.036 mm at most.
+    assert found.changes.max() < ALLOWED_MM
 
 
 @pytest.mark.parametrize("organ", ORGANS)

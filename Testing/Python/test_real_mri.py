@@ -1,71 +1,92 @@
-"""Bladders in real MRI, against what experts have drawn; skipped where the images are not there."""
+"""Real MRI against what experts have drawn, with default options; skipped where the images are not there."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from bladders import BY_HAND, load_bladder
+from accuracy import MEAN_MM, P95_MM, of_contour, of_surface, real_case
+from bladders import NAMES, load_bladder
+from hippocampus import NAMES as HIPPOCAMPI
+from hippocampus import farthest_from_start, load_hippocampus
 
 from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.doubts import warnings_about
+from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
 
 
-class Case:
-    """A bladder with the surface of its lumen."""
+class Fitted:
+    """A bladder, and its fit from one seed."""
 
-    def __init__(self, folder, name):
-        bladder = load_bladder(name, folder)
-        self.image, self.seed, self.volume_ml = bladder.image, bladder.seed, bladder.lumen.volume_ml
-        self.reference = mesh_of_mask(bladder.lumen.image)
+    def __init__(self, bladder):
+        self.case = real_case(bladder)
+        self.volume_ml = bladder.lumen.volume_ml
+        self.fit = finish(fit_organ(bladder.image, bladder.seed))
 
 
 @pytest.fixture(scope="module")
 def load(shared_data):
-    """Cases by name, each read once."""
-    cases = {}
+    """Fitted bladders by name, each fitted once."""
+    known = {}
 
     def loaded(name):
-        if name not in cases:
-            cases[name] = Case(shared_data / "bladder_mri", name)
-        return cases[name]
+        if name not in known:
+            known[name] = Fitted(load_bladder(name, shared_data / "bladder_mri"))
+        return known[name]
 
     return loaded
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "bound"),
-    # The bound asked for is 1.0 mm; measured are 0.73, 0.71, 0.62 and 0.66 mm.
-    [
-        ("crop_IM0465", BY_HAND["crop_IM0465"], 0.85),
-        ("crop_IM0465", FitOptions(), 0.85),
-        ("crop_IM0533", BY_HAND["crop_IM0533"], 0.75),
-        ("crop_IM0533", FitOptions(), 0.75),
-    ],
-    ids=["IM0465-given", "IM0465-suggested", "IM0533-given", "IM0533-suggested"],
-)
-def test_a_bladder_is_within_a_millimetre_of_the_experts(load, name, options, bound):
-    case = load(name)
-    fit = finish(fit_organ(case.image, case.seed, options))
-    found = deviation(fit.surface, case.reference)
-    assert found.mean <= bound
-    assert abs(found.mean_signed) <= 0.5
-    assert fit.problems == ()
-    assert fit.surface.volume() / 1000.0 == pytest.approx(case.volume_ml, rel=0.15)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_bladder_is_within_two_pixels_of_the_experts(load, name):
+    bladder = load(name)
+    found = of_surface(bladder.fit.surface, bladder.case).distances
+    # Asked for: 0.8 and 2.5 mm. Measured: 0.71 and 2.38, 0.66 and 2.09, 0.65 and 2.10 mm.
+    assert found.mean <= MEAN_MM
+    assert found.p95 <= P95_MM
+    assert abs(found.mean_signed) <= 0.4
+    assert bladder.fit.problems == ()
+    assert bladder.fit.surface.volume() / 1000.0 == pytest.approx(bladder.volume_ml, rel=0.15)
 
 
-@pytest.mark.parametrize("options", [BY_HAND["full_p5"], FitOptions()], ids=["given", "suggested"])
-def test_a_bladder_in_fat_does_not_leak(load, options):
-    case = load("full_p5")
-    fit = finish(fit_organ(case.image, case.seed, options))
-    found = deviation(fit.surface, case.reference)
-    # Measured: 0.66 and 0.65 mm, and 3 % above the volume of the label, whose lower end stops early.
-    assert found.mean <= 0.8
-    assert found.maximum <= 5.0
-    assert fit.surface.volume() / 1000.0 == pytest.approx(case.volume_ml, rel=0.15)
-    assert fit.region.volume_ml == pytest.approx(case.volume_ml, rel=0.15)
-    assert fit.region.touches_border == ()
+@pytest.mark.parametrize("name", NAMES)
+def test_smoothed_triangles_of_the_same_region_are_rougher(load, name):
+    bladder = load(name)
+    ours, theirs = of_surface(bladder.fit.surface, bladder.case), of_contour(bladder.fit.region, bladder.case)
+    # Measured: 1.4 to 1.8 times. Distances are about the same: they are those of the region.
+    assert theirs.angle > 1.25 * ours.angle
+    assert ours.distances.mean < theirs.distances.mean + 0.12
+
+
+def test_a_bladder_in_fat_does_not_leak(load):
+    bladder = load("full_p5")
+    assert of_surface(bladder.fit.surface, bladder.case).distances.maximum <= 5.0
+    assert bladder.fit.region.volume_ml == pytest.approx(bladder.volume_ml, rel=0.15)
+    assert bladder.fit.region.touches_border == ()
+
+
+# ------------------------------------------------------------------ a hippocampus, of which a box is all that is known
+
+
+@pytest.mark.parametrize("name", HIPPOCAMPI)
+def test_an_organ_without_an_edge_is_neither_folded_nor_lost_nor_believed(shared_data, name):
+    case = load_hippocampus(name, shared_data / "hippocampus")
+    fit = finish(fit_region(case.image, case.box))
     assert fit.problems == ()
+    # Measured: 0.8 to 1.3 mm; half the radius of a ball of its volume is 5 mm.
+    assert farthest_from_start(fit) < 5.0
+    assert np.median(fit.confidence.deviations) > 1.5
+    assert any("follows no edge" in sentence for sentence in warnings_about(case.image, fit))
+
+
+@pytest.mark.parametrize("name", HIPPOCAMPI)
+def test_a_fit_from_a_hippocampus_s_label_stays_there(shared_data, name):
+    case = load_hippocampus(name, shared_data / "hippocampus")
+    fit = finish(fit_region(case.image, case.label))
+    assert fit.problems == ()
+    # Measured: 0.5 to 0.7 mm, in voxels of 1 mm.
+    assert deviation(fit.surface, mesh_of_mask(case.label.image)).mean <= 1.0
+    assert np.median(fit.confidence.deviations) > 1.5
 
 
 # ------------------------------------------------------------------ a bladder cut by the field of view

@@ -85,7 +85,7 @@ def report(*, quick: bool) -> str:
             "SuperLU).",
             "  Samples of the surface (net 9 x 7, 5 depths each):\n" + samples,
             "  Control points (4 samples for each span, in u and in v):\n" + points,
-            "  Voxels (fit_region with default options: all stages, both nets; the ramp follows the voxels):\n"
+            "  Voxels (fit_region with default options: all stages; the net is chosen, the ramp follows the voxels):\n"
             + voxels(quick=quick),
         ]
     )

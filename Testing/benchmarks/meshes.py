@@ -6,7 +6,7 @@ import importlib.util
 import time
 from collections.abc import Iterator
 
-from bladders import BY_HAND, bladders
+from bladders import bladders
 from measuring import table
 from random_organs import random_organ
 
@@ -36,7 +36,7 @@ def report(*, quick: bool) -> str:
 def _surfaces(quick: bool) -> Iterator[tuple[str, BSplineSurface]]:
     yield from pelvic_organs().items()
     for case in [] if quick else bladders():
-        yield case.name, finish(fit_organ(case.image, case.seed, BY_HAND[case.name])).surface
+        yield case.name, finish(fit_organ(case.image, case.seed)).surface
 
 
 def _known(quick: bool) -> str:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from bladders import bladders
 
-from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.separation import Region, separate
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
@@ -17,21 +16,17 @@ ORGAN_LEVEL, WALL_LEVEL, TISSUE_LEVELS, NOISE = 900.0, 170.0, (220.0, 450.0), 45
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """An image with a separated organ, and its true surface where it is known."""
+    """An image with a separated organ."""
 
     name: str
     image: Image
     region: Region
-    truth: BSplineSurface | None = None
 
 
 def demo_scenes() -> list[Scene]:
     """The three organs of the demo, separated from their seeds."""
     phantom = pelvis_phantom()
-    return [
-        Scene(name, phantom.image, separate(phantom.image, seeds), phantom.surfaces[name])
-        for name, seeds in phantom.seeds.items()
-    ]
+    return [Scene(name, phantom.image, separate(phantom.image, seeds)) for name, seeds in phantom.seeds.items()]
 
 
 def bladder_scenes() -> list[Scene]:
