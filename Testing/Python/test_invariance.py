@@ -17,6 +17,8 @@ ORGANS = ("bladder", "vagina", "rectum")
 # Asked for: 1e-3 mm for axes in another order and 0.02 mm for rotations. Measured: 1e-11 mm, because everything happens
 # in the frame of the organ's own axes; the bound leaves room for other orders of summation.
 CLOSE_MM = 1e-6
+# Cheaper than the finer net that these organs get by default.
+NET = FitOptions(net=(9, 7))
 ORIENTATIONS = list(itertools.product(itertools.permutations(range(3)), itertools.product((False, True), repeat=3)))
 
 
@@ -40,10 +42,12 @@ def test_both_hands_and_all_orders_are_tried(slab):
 
 @pytest.mark.parametrize("organ", ORGANS)
 def test_axes_permuted_and_flipped_give_the_same_surface(slab, pelvis, surfaces, organ):
-    # Each organ in a third of the 48 ways, all of them together in all.
-    for order, flips in ORIENTATIONS[ORGANS.index(organ) :: 3]:
-        found = finish(fit_organ(reordered(slab, order, flips), pelvis.seeds[organ])).surface
-        difference = np.abs(found.control_net - surfaces[organ].control_net).max()
+    expected = finish(fit_organ(slab, pelvis.seeds[organ], NET)).surface
+    # Each organ in a third of the 48 ways, all of them together in all; every eighth with the net that is chosen.
+    for number, (order, flips) in enumerate(ORIENTATIONS[ORGANS.index(organ) :: 3]):
+        chosen = number % 8 == 0
+        found = finish(fit_organ(reordered(slab, order, flips), pelvis.seeds[organ], None if chosen else NET)).surface
+        difference = np.abs(found.control_net - (surfaces[organ] if chosen else expected).control_net).max()
         assert difference < CLOSE_MM, (order, flips)
 
 

@@ -467,9 +467,11 @@ class CompareTest(PanelTestCase):
         self.assertEqual(self.ui.compareStatusLabel.text, "")
 
     def test_theConfidenceIsShownWhereThereIsOne(self):
+        surface = surfaceFromModel(self.organ.surface)
+        # A surface of an older scene has none.
+        showSurface(self.organ.surface, surface, name="rectum")
         self.colorBy("Standard deviation (mm)")
         self.assertIn("Fit the organ again", self.ui.compareStatusLabel.text)
-        surface = surfaceFromModel(self.organ.surface)
         showSurface(
             self.organ.surface, surface, name="rectum", standardDeviation=lambda places: 0.2 + 0.1 * places[:, 1]
         )
