@@ -159,7 +159,8 @@ def test_a_fit_brings_its_standard_deviation_along(logic):
     assert display.GetScalarRange() == shown
     # A new fit has such numbers as well, and goes on showing them.
     from VICRegistrationLib.mrml.fitting import fitSteps
+    from VICRegistrationLib.registration.organ import finish
 
-    recipe.finish(fitSteps(organ, volume))
+    finish(fitSteps(organ, volume))
     assert display.GetScalarVisibility()
     assert display.GetActiveScalarName() == STANDARD_DEVIATION
