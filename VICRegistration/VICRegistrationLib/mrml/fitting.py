@@ -276,8 +276,14 @@ class _Bookkeeping:
             organ.state = OrganState.FITTED if fit.converged else OrganState.UNSETTLED
             organ.volumeMl = float(worldVolumeMl(model, fit.surface))
             organ.showChosen(fit.options, net_of(fit.uncorrected, fit.options.closure))
-            told = _("{count} iterations, cost {cost}, {seconds} s").format(
-                count=fit.iterations, cost=f"{fit.cost_final:.3g}", seconds=f"{fit.seconds:.2f}"
+            # A transform that stretches the organ stretches its error bar.
+            error = fit.confidence.volume_sd_ml * organ.volumeMl / (fit.surface.volume() / 1000.0)
+            told = _("{volume} ± {error} ml, {count} iterations, cost {cost}, {seconds} s").format(
+                volume=f"{organ.volumeMl:.1f}",
+                error=f"{error:.1f}" if error >= 0.1 else f"{error:.2f}",
+                count=fit.iterations,
+                cost=f"{fit.cost_final:.3g}",
+                seconds=f"{fit.seconds:.2f}",
             )
             organ.message = "\n".join([told, *self._chosen(fit), *warnings_about(image, fit)])
 
