@@ -12,7 +12,7 @@ RADIUS, LUMEN, WALL, TISSUE = 20.0, 900.0, 170.0, 450.0
 
 
 def two_balls(gap, level):
-    """Two balls with walls of 3 mm, `gap` mm between their lumens, the right one as bright as told; 5 % Rician noise."""
+    """Two balls in walls of 3 mm, `gap` mm between their lumens, the right one as bright as told; 5 % Rician noise."""
     spacing = np.array([0.59, 0.59, 4.0])
     size = (np.array([110.0, 60.0, 64.0]) / spacing).astype(int)
     matrix = np.diag([*spacing, 1.0])
