@@ -41,7 +41,7 @@ def test_an_organ_is_found_to_a_fraction_of_a_pixel(noisy_pelvis, organ):
 def test_other_seeds_and_grey_levels_give_the_same_surface(pelvis, organ):
     found = trials(pelvis, organ, 2, np.random.default_rng(7))
     assert found.failures == ()
-    # Measured in 120 trials: 0.004 mm in the median, 0.036 mm at most.
+    # Measured in 120 trials: 0.006 mm in the median, 0.041 mm at most.
     assert found.changes.max() < ALLOWED_MM
 
 
