@@ -197,8 +197,9 @@ def _finer(
     gained = (
         f"with {net[0]}x{net[1]} the cost fell by {1.0 - after / before:.1%}, of which noise explains {explained:.1%}"
     )
-    lost = plan.astray(step.surface)
-    if 1.0 - after / before > _WORTH * explained and not lost:
+    worth = 1.0 - after / before > _WORTH * explained
+    lost = plan.astray(step.surface) if worth else ""
+    if worth and not lost:
         return step, gained
     kept = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
     yield kept
