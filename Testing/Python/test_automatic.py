@@ -64,13 +64,13 @@ def test_detail_makes_the_net_finer_and_the_reason_is_told(dented):
     assert "of which noise explains" in net.reason
 
 
-def test_noise_alone_does_not():
-    # Twelve standard deviations of noise to the contrast leave nothing to be found in more detail.
+def test_an_organ_without_detail_keeps_the_coarser_net():
     smooth = models.closed_organ(axes=np.diag([14.0, 15.0, 17.0]))
-    fit = finish(fit_organ(painted(smooth, noise=260.0), [[0.0, 0.0, 0.0]], FitOptions(threshold=(500.0, 5000.0))))
+    fit = finish(fit_organ(painted(smooth), [[0.0, 0.0, 0.0]]))
     assert fit.options.net == (9, 7)
     assert fit.history[-1].stage == "coarser net kept"
     assert fit.surface is fit.history[-1].surface
+    assert fit.converged
 
 
 def test_what_is_asked_for_is_done(image):
