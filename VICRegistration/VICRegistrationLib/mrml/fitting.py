@@ -278,7 +278,7 @@ class _Bookkeeping:
             organ.showChosen(fit.options, net_of(fit.uncorrected, fit.options.closure))
             # A transform that stretches the organ stretches its error bar.
             error = fit.confidence.volume_sd_ml * organ.volumeMl / (fit.surface.volume() / 1000.0)
-            told = _("{volume} ± {error} ml, {count} iterations, cost {cost}, {seconds} s").format(
+            told = _("{count} iterations, cost {cost}, {seconds} s, {volume} ± {error} ml").format(
                 volume=f"{organ.volumeMl:.1f}",
                 error=f"{error:.1f}" if error >= 0.1 else f"{error:.2f}",
                 count=fit.iterations,
