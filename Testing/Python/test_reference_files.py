@@ -9,7 +9,6 @@ from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from VICRegistrationLib.analysis.closed_mesh import enclosed_volume
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.deviation import ReferenceMesh
 from VICRegistrationLib.analysis.reference_files import read_reference
@@ -18,6 +17,7 @@ from VICRegistrationLib.export.surface_data import add_text, polydata
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.surface_file import write_surface
+from VICRegistrationLib.geometry.triangles import enclosed_volume
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
@@ -125,7 +125,7 @@ def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
     assert (read.kind, read.label) == ("label image", "2")
     assert read.notes == (f"label 2 of {path} has 2 pieces; the option largest keeps only the largest one",)
     # Flying edges cut the corners of voxels: a lone one has a sixth of its volume, a block loses its edges.
-    assert enclosed_volume(read.reference) == pytest.approx(1000.0, rel=0.02)
+    assert enclosed_volume(read.reference.points, read.reference.triangles) == pytest.approx(1000.0, rel=0.02)
     largest = read_reference(path, largest=True)
     assert largest.notes == ()
     assert depth(largest.reference, [8.0, 8.0, 8.0]) == pytest.approx(-4.5, abs=1e-6)
@@ -158,4 +158,4 @@ def test_the_experts_lumen_is_read_without_its_stray_pieces(shared_data):
         read_reference(path)
     read = read_reference(path, label=3, largest=True)
     # What the experts' voxels have in all, less what the corners of voxels lose.
-    assert enclosed_volume(read.reference) / 1000.0 == pytest.approx(148.4, abs=0.5)
+    assert enclosed_volume(read.reference.points, read.reference.triangles) / 1000.0 == pytest.approx(148.4, abs=0.5)

@@ -10,10 +10,11 @@ from scenes import Scene, bladder_scenes, demo_scenes
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkSMPTools
 from vtkmodules.vtkCommonDataModel import vtkImageData
-from vtkmodules.vtkFiltersCore import vtkPolyDataNormals, vtkWindowedSincPolyDataFilter
+from vtkmodules.vtkFiltersCore import vtkWindowedSincPolyDataFilter
 from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 
-from VICRegistrationLib.export.surface_data import polydata
+from VICRegistrationLib.analysis.closed_mesh import turned_alike
+from VICRegistrationLib.export.surface_data import triangles_in
 from VICRegistrationLib.imaging.separation import Region
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 
@@ -49,18 +50,9 @@ def smoothed_contour(region: Region):
 
 def contour_in_world(mesh, region: Region) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (RAS mm), triangles and vertex normals (pointing outward) of a contour."""
-    points = region.image.to_ras(vtk_to_numpy(mesh.GetPoints().GetData()).astype(float) - 1.0)
-    triangles = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    normals = vtkPolyDataNormals()
-    normals.SetInputData(polydata(points, triangles))
-    normals.SplittingOff()
-    normals.ConsistencyOn()
-    normals.AutoOrientNormalsOn()
-    normals.Update()
-    output = normals.GetOutput()
-    triangles = vtk_to_numpy(output.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    points = vtk_to_numpy(output.GetPoints().GetData()).astype(float)
-    return points, triangles, vtk_to_numpy(output.GetPointData().GetNormals()).astype(float)
+    points, triangles = triangles_in(mesh)
+    turned = turned_alike(region.image.to_ras(points - 1.0), triangles)
+    return (*triangles_in(turned), vtk_to_numpy(turned.GetPointData().GetNormals()).astype(float))
 
 
 def measured(scene: Scene, repeats: int) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Closed triangles to measure against: made sound, signed distances from them, their area and volume."""
+"""Closed triangles to measure against: made sound, and signed distances from them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray
+from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance, vtkPolyDataNormals
 
-from ..export.surface_data import polydata
+from ..export.surface_data import polydata, triangles_in
+from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from .deviation import ReferenceMesh
 
@@ -59,8 +61,8 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
         )
         raise ValueError(msg)
     if turned_edges:
-        points, triangles = _turned_alike(points, triangles)
-    volume = enclosed_volume(ReferenceMesh(points, triangles))
+        points, triangles = triangles_in(turned_alike(points, triangles))
+    volume = enclosed_volume(points, triangles)
     if not abs(volume) > _FLAT * np.linalg.norm(np.ptp(points, axis=0)) ** 3:
         msg = "The mesh encloses no volume; give one of a solid organ."
         raise ValueError(msg)
@@ -86,7 +88,7 @@ def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
     _, piece = csgraph.connected_components(links, directed=False)
     of_triangle = piece[mesh.triangles[:, 0]]
     found = [ReferenceMesh(mesh.points, mesh.triangles[of_triangle == number]) for number in np.unique(of_triangle)]
-    return tuple(sorted(found, key=enclosed_volume, reverse=True))
+    return tuple(sorted(found, key=lambda part: enclosed_volume(part.points, part.triangles), reverse=True))
 
 
 def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
@@ -118,20 +120,6 @@ def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
     return vtk_to_numpy(found).copy()
 
 
-def mesh_area(mesh: ReferenceMesh) -> float:
-    """Area of triangles, mm^2."""
-    corners = mesh.points[mesh.triangles]
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return float(np.linalg.norm(crosses, axis=1).sum() / 2.0)
-
-
-def enclosed_volume(mesh: ReferenceMesh) -> float:
-    """Volume inside of closed triangles, mm^3; negative if they are inside out."""
-    # About their centre, so that a mesh far from the origin loses no digits.
-    corners = mesh.points[mesh.triangles] - mesh.points.mean(axis=0)
-    return float(np.einsum("nk,nk->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)
-
-
 def _doubtful_edges(triangles: np.ndarray, n_points: int) -> tuple[int, int]:
     """Count the edges with an odd number of triangles, and those that their triangles do not run both ways."""
     start, end = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
@@ -141,14 +129,22 @@ def _doubtful_edges(triangles: np.ndarray, n_points: int) -> tuple[int, int]:
     return int(np.count_nonzero(uses % 2)), int(np.count_nonzero(balance))
 
 
-def _turned_alike(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn triangles so that neighbours agree: points and triangles."""
+def turned_alike(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
+    """Turn triangles so that neighbours agree, outward, with the normals of their points as VTK shades them.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    triangles : (m, 3) ndarray of int
+
+    Returns
+    -------
+    vtkPolyData
+    """
     normals = vtkPolyDataNormals()
     normals.SetInputData(polydata(points, triangles))
     normals.SplittingOff()
     normals.ConsistencyOn()
     normals.AutoOrientNormalsOn()
     normals.Update()
-    found = normals.GetOutput()
-    cells = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    return vtk_to_numpy(found.GetPoints().GetData()).astype(float), cells
+    return normals.GetOutput()

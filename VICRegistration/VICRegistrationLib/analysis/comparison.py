@@ -9,9 +9,10 @@ import numpy as np
 
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
+from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
 from ..imaging.phantom import volume_fractions
-from .closed_mesh import closed_mesh, enclosed_volume, mesh_area, signed_distances
+from .closed_mesh import closed_mesh, signed_distances
 from .deviation import Deviation, Reference, ReferenceMesh, points_on, signed_to_surface
 
 # Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
@@ -171,11 +172,15 @@ def _distances(reference: BSplineSurface | ReferenceMesh, points: np.ndarray) ->
 
 
 def _area(reference: BSplineSurface | ReferenceMesh) -> float:
-    return reference.area(tolerance=1e-4) if isinstance(reference, BSplineSurface) else mesh_area(reference)
+    if isinstance(reference, BSplineSurface):
+        return reference.area(tolerance=1e-4)
+    return float(np.linalg.norm(area_vectors(reference.points, reference.triangles), axis=1).sum())
 
 
 def _volume(reference: BSplineSurface | ReferenceMesh) -> float:
-    return reference.volume() if isinstance(reference, BSplineSurface) else enclosed_volume(reference)
+    if isinstance(reference, BSplineSurface):
+        return reference.volume()
+    return enclosed_volume(reference.points, reference.triangles)
 
 
 def _triangles(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh
 from .canvas import blank_figure
 from .coloured_surface import draw_colour_bar, draw_sides
@@ -61,9 +62,8 @@ def values_and_areas(mesh: TriangleMesh, values: np.ndarray) -> tuple[np.ndarray
     areas : (m,) ndarray
         mm^2.
     """
-    corners = mesh.points[mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return values[mesh.triangles].mean(axis=1), np.linalg.norm(normals, axis=1) / 2.0
+    areas = np.linalg.norm(area_vectors(mesh.points, mesh.triangles), axis=1)
+    return values[mesh.triangles].mean(axis=1), areas
 
 
 def area_percentiles(mesh: TriangleMesh, values: np.ndarray, percents: tuple[float, ...]) -> list[float]:

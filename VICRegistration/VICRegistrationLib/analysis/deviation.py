@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import Union
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
+from ..export.surface_data import triangles_in
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
+from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 
@@ -173,13 +175,13 @@ def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarr
     random = np.random.default_rng(seed)
     if isinstance(reference, BSplineSurface):
         return _points_on_surface(reference, n_points, random)
-    corners = np.asarray(reference.points, dtype=float)[reference.triangles]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    chosen = _chosen(np.linalg.norm(np.cross(first, second), axis=1), n_points, random)
+    points, triangles = np.asarray(reference.points, dtype=float), np.asarray(reference.triangles)
+    chosen = triangles[_chosen(np.linalg.norm(area_vectors(points, triangles), axis=1), n_points, random)]
+    corner, first, second = (points[chosen[:, number]] for number in range(3))
     a, b = random.random((2, n_points, 1))
     # The unit square folded onto its lower triangle.
     a, b = np.where(a + b > 1.0, 1.0 - a, a), np.where(a + b > 1.0, 1.0 - b, b)
-    return corners[chosen, 0] + a * first[chosen] + b * second[chosen]
+    return corner + a * (first - corner) + b * (second - corner)
 
 
 def mesh_of_mask(mask: Image, *, level: float = 0.5) -> ReferenceMesh:
@@ -221,13 +223,10 @@ def mesh_of_mask(mask: Image, *, level: float = 0.5) -> ReferenceMesh:
     contour.ComputeGradientsOff()
     contour.ComputeScalarsOff()
     contour.Update()
-    mesh = contour.GetOutput()
-    points = mask.to_ras(vtk_to_numpy(mesh.GetPoints().GetData()).astype(float) - 1.0)
-    triangles = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    corners = points[triangles] - points.mean(axis=0)
-    volume_sixfold = np.einsum("nk,nk->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    ijk, triangles = triangles_in(contour.GetOutput())
+    points = mask.to_ras(ijk - 1.0)
     # On a left-handed grid the order of the corners turns over with the space.
-    return ReferenceMesh(points, triangles if volume_sixfold > 0 else triangles[:, ::-1])
+    return ReferenceMesh(points, triangles if enclosed_volume(points, triangles) > 0.0 else triangles[:, ::-1])
 
 
 def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random.Generator) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh
 
 _SHININESS = 30.0
@@ -117,7 +118,7 @@ def lit_mesh(points: np.ndarray, triangles: np.ndarray, *, smooth: bool) -> Tria
         Each triangle with three points of its own, in the order given.
     """
     corners = points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(points, triangles)
     if smooth:
         flat = triangles.ravel()
         each = [np.bincount(flat, np.repeat(normals[:, k], 3), len(points)) for k in range(3)]

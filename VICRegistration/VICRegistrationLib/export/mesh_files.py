@@ -18,6 +18,7 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from ..files import reason, replacing
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import SurfaceRecord
+from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh, triangulate
 from .frames import RAS_TO_LPS
 from .surface_data import add_surface, add_text, polydata_of_mesh, surface_in
@@ -175,8 +176,8 @@ def write_stl(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    corners = (mesh.points * RAS_TO_LPS)[mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    points = mesh.points * RAS_TO_LPS
+    corners, normals = points[mesh.triangles], area_vectors(points, mesh.triangles)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     layout = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     facets = np.zeros(len(corners), dtype=layout)

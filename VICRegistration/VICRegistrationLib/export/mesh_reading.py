@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkTriangleFilter
@@ -18,6 +17,7 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from ..files import reason
 from .frames import RAS_TO_LPS
+from .surface_data import triangles_in
 from .vtk_xml import silent_vtk
 
 _READERS = {
@@ -81,8 +81,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     if not found.GetNumberOfPolys():
         msg = f"The file {path} holds no triangles that can be read; give a closed mesh as a {path.suffix} file."
         raise ValueError(msg)
-    points = vtk_to_numpy(found.GetPoints().GetData()).astype(float)
-    triangles = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    points, triangles = triangles_in(found)
     return points * (RAS_TO_LPS if (frame or _told_frame(data, header)) == "LPS" else 1.0), triangles
 
 

@@ -49,6 +49,23 @@ def polydata(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
     return data
 
 
+def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
+    """Take the triangles out of VTK data that holds nothing but triangles.
+
+    Parameters
+    ----------
+    data : vtkPolyData
+
+    Returns
+    -------
+    points : (n, 3) ndarray
+        In the frame of the data.
+    triangles : (m, 3) ndarray of int
+    """
+    triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    return vtk_to_numpy(data.GetPoints().GetData()).astype(float), triangles
+
+
 def polydata_of_mesh(mesh: TriangleMesh, *, axes: np.ndarray = (1.0, 1.0, 1.0)) -> vtkPolyData:
     """Triangles with their normals as VTK data.
 

@@ -168,6 +168,7 @@ def _meshOfModel(node):
 def _triangles(data):
     """Triangles of polygons, or None where there are none."""
     from ..analysis.deviation import ReferenceMesh
+    from ..export.surface_data import triangles_in
 
     cut = vtk.vtkTriangleFilter()
     cut.SetInputData(data)
@@ -177,8 +178,7 @@ def _triangles(data):
     triangles = cut.GetOutput()
     if not triangles.GetNumberOfPolys():
         return None
-    corners = vtk_to_numpy(triangles.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    return ReferenceMesh(vtk_to_numpy(triangles.GetPoints().GetData()).astype(float), corners)
+    return ReferenceMesh(*triangles_in(triangles))
 
 
 def _moved(reference, source, target):
