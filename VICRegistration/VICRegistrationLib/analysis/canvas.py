@@ -11,6 +11,7 @@ import numpy as np
 from ..files import replacing
 
 _DPI = 130
+TEXT_COLOUR = "#2b2f36"
 # Of a palette; and how far apart red, green and blue of a grey may be.
 _GREYS, _GREYISH = 80, 8
 
@@ -59,6 +60,17 @@ def blank_figure(size: tuple[float, float]):
     from matplotlib.figure import Figure
 
     return Figure(figsize=size, dpi=_DPI, facecolor="white")
+
+
+def bare(axes) -> None:
+    """Leave the frame away above and to the right.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    """
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
 
 
 def save_figure(figure, path: str | os.PathLike) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.triangulation import TriangleMesh
+from .canvas import TEXT_COLOUR, bare
 from .shading import MATT, Camera, shaded_triangles
 
-_TEXT_COLOUR = "#2b2f36"
 _LETTER_COLOUR = "#7d8592"
 # Views are tilted, so that the tops and the bottoms of organs are seen as well.
 _TILT = 0.36
@@ -76,7 +76,7 @@ def draw_sides(
         draw_coloured(axes, mesh, values, camera=camera, limits=limits, colour_map=colour_map)
         x, y = camera.project(center)
         axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
-        axes.set_title(side.caption, size=10, color=_TEXT_COLOUR, pad=3)
+        axes.set_title(side.caption, size=10, color=TEXT_COLOUR, pad=3)
         for horizontal, direction in (("left", -camera.right), ("right", camera.right)):
             position = (0.08 if horizontal == "left" else 0.92, 0.06)
             style = {"ha": horizontal, "va": "bottom", "size": 10, "weight": "bold", "color": _LETTER_COLOUR}
@@ -145,8 +145,33 @@ def draw_colour_bar(
     axes = figure.add_axes(place)
     shown = ScalarMappable(Normalize(*limits), colour_map)
     bar = figure.colorbar(shown, cax=axes, orientation="horizontal", extend=extend)
-    bar.set_label(label, color=_TEXT_COLOUR, size=10)
+    bar.set_label(label, color=TEXT_COLOUR, size=10)
     bar.outline.set_visible(False)
+
+
+def draw_shares(axes, edges: np.ndarray, shares: np.ndarray, *, limits: tuple[float, float], colour_map: str) -> None:
+    """Draw shares of the area as bars in the colours that the surface has.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    edges : (n + 1,) ndarray
+        Between the bars.
+    shares : (n,) ndarray
+        In per cent.
+    limits : (low, high)
+        Values at the ends of the colour map.
+    colour_map : str
+        A name that matplotlib knows.
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    middles = (edges[1:] + edges[:-1]) / 2.0
+    axes.bar(middles, shares, np.diff(edges), color=colormaps[colour_map](Normalize(*limits)(middles)))
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_ylabel("area, %", color=TEXT_COLOUR)
+    bare(axes)
 
 
 def _letter(direction: np.ndarray) -> str:

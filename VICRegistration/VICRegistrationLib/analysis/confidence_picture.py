@@ -6,12 +6,11 @@ import numpy as np
 
 from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh
-from .canvas import blank_figure
-from .coloured_surface import draw_colour_bar, draw_sides
+from .canvas import TEXT_COLOUR, blank_figure
+from .coloured_surface import draw_colour_bar, draw_shares, draw_sides
 from .deviation_picture import colour_limit
 
 COLOUR_MAP = "viridis"
-_TEXT_COLOUR = "#2b2f36"
 _BINS = 50
 
 
@@ -90,14 +89,7 @@ def area_percentiles(mesh: TriangleMesh, values: np.ndarray, percents: tuple[flo
 
 def _draw_histogram(axes, values: np.ndarray, areas: np.ndarray, limit: float) -> None:
     """Shares of the area in the colours of the picture; the last bars hold all that lies beyond."""
-    from matplotlib import colormaps
-
     edges = 1.1 * limit * np.linspace(0.0, 1.0, _BINS + 1)
     shares, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges, weights=100.0 * areas / areas.sum())
-    colours = colormaps[COLOUR_MAP]((edges[1:] + edges[:-1]) / 2.0 / limit)
-    axes.bar((edges[1:] + edges[:-1]) / 2.0, shares, np.diff(edges), color=colours)
-    axes.set_xlim(edges[0], edges[-1])
-    axes.set_xlabel("standard deviation, mm", color=_TEXT_COLOUR)
-    axes.set_ylabel("area, %", color=_TEXT_COLOUR)
-    for spine in ("top", "right"):
-        axes.spines[spine].set_visible(False)
+    draw_shares(axes, edges, shares, limits=(0.0, limit), colour_map=COLOUR_MAP)
+    axes.set_xlabel("standard deviation, mm", color=TEXT_COLOUR)

@@ -7,12 +7,11 @@ import os
 import numpy as np
 
 from ..geometry.triangulation import TriangleMesh
-from .canvas import blank_figure, literal, save_figure
-from .coloured_surface import draw_colour_bar, draw_sides
+from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
+from .coloured_surface import draw_colour_bar, draw_shares, draw_sides
 from .comparison import Comparison
 
 COLOUR_MAP = "coolwarm"
-_TEXT_COLOUR, _LINE_COLOUR = "#2b2f36", "#2b2f36"
 _BINS = 60
 # Ends of the colours, mm: the first that leaves no more than this share of the surface beyond.
 _LIMITS = tuple(digit * 10.0**power for power in range(-3, 4) for digit in (1.0, 2.0, 3.0, 5.0))
@@ -66,8 +65,8 @@ def deviation_figure(mesh: TriangleMesh, distances: np.ndarray, comparison: Comp
         If matplotlib is not installed.
     """
     figure = blank_figure((13.0, 8.4))
-    figure.text(0.03, 0.968, literal(name), size=19, weight="bold", color=_TEXT_COLOUR, va="top")
-    figure.text(0.03, 0.922, literal(f"compared with {against}"), size=10.5, color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.968, literal(name), size=19, weight="bold", color=TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.922, literal(f"compared with {against}"), size=10.5, color=TEXT_COLOUR, va="top")
     limit = _draw_map(figure, mesh, distances, sides=(0.50, 0.35), bar=(0.47, 0.018))
     _draw_histogram(figure.add_axes((0.06, 0.075, 0.43, 0.29)), comparison, limit)
     _draw_table(figure, comparison)
@@ -129,7 +128,6 @@ def colour_limit(distances: np.ndarray) -> float:
 
 def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
     """Distances of the fitted surface's points in the colours of the picture, those of the reference's as a line."""
-    from matplotlib import colormaps
     from matplotlib.patches import Patch
 
     # A quarter more on both sides shows what lies beyond the colours; the last bars hold all the rest.
@@ -138,19 +136,13 @@ def _draw_histogram(axes, comparison: Comparison, limit: float) -> None:
     for signed in (comparison.signed_to_reference, comparison.signed_to_surface):
         counts, _ = np.histogram(np.clip(signed, edges[0], edges[-1]), edges)
         shares.append(100.0 * counts / len(signed))
-    middles = (edges[1:] + edges[:-1]) / 2.0
-    colours = colormaps[COLOUR_MAP]((middles / limit + 1.0) / 2.0)
-    axes.bar(middles, shares[0], np.diff(edges), color=colours)
-    line = axes.stairs(shares[1], edges, color=_LINE_COLOUR, linewidth=1.1)
+    draw_shares(axes, edges, shares[0], limits=(-limit, limit), colour_map=COLOUR_MAP)
+    line = axes.stairs(shares[1], edges, color=TEXT_COLOUR, linewidth=1.1)
     axes.axvline(0.0, color="#9aa1ac", linewidth=0.8)
-    axes.set_xlim(edges[0], edges[-1])
-    axes.set_xlabel("signed distance, mm", color=_TEXT_COLOUR)
-    axes.set_ylabel("area, %", color=_TEXT_COLOUR)
+    axes.set_xlabel("signed distance, mm", color=TEXT_COLOUR)
     axes.margins(y=0.25)
     handles = {Patch(color="#c3c9d3"): "from the fitted surface", line: "from the reference"}
     axes.legend(list(handles), list(handles.values()), fontsize=8.5, frameon=False, loc="upper left")
-    for spine in ("top", "right"):
-        axes.spines[spine].set_visible(False)
 
 
 def _draw_table(figure, comparison: Comparison) -> None:
@@ -168,7 +160,7 @@ def _draw_table(figure, comparison: Comparison) -> None:
     ]
     for number, row in enumerate(rows):
         for x, text, side in zip((0.54, 0.735, 0.825), row, ("left", "right", "right")):
-            figure.text(x, 0.365 - 0.036 * number, text, size=10, color=_TEXT_COLOUR, ha=side, va="baseline")
+            figure.text(x, 0.365 - 0.036 * number, text, size=10, color=TEXT_COLOUR, ha=side, va="baseline")
     others = [
         ("surface Dice", *(f"{share:.3f} at {tolerance:g} mm" for tolerance, share in comparison.surface_dice)),
         ("volume Dice", f"{comparison.volume_dice:.3f}"),
@@ -176,7 +168,7 @@ def _draw_table(figure, comparison: Comparison) -> None:
     ]
     top = 0.365
     for title, *lines in others:
-        figure.text(0.86, top, title, size=10, weight="bold", color=_TEXT_COLOUR, va="baseline")
+        figure.text(0.86, top, title, size=10, weight="bold", color=TEXT_COLOUR, va="baseline")
         for number, line in enumerate(lines, start=1):
-            figure.text(0.86, top - 0.032 * number, line, size=10, color=_TEXT_COLOUR, va="baseline")
+            figure.text(0.86, top - 0.032 * number, line, size=10, color=TEXT_COLOUR, va="baseline")
         top -= 0.032 * len(lines) + 0.045

@@ -12,12 +12,11 @@ from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.organ import OrganFit
-from .canvas import literal
+from .canvas import TEXT_COLOUR, bare, literal
 from .deviation import Reference, ReferenceMesh
 from .shading import Camera, shaded_triangles
 from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
 
-TEXT_COLOUR = "#2b2f36"
 _REGION_COLOUR = "#ffffff"
 _OUTSIDE_COLOUR = "#1b1f27"
 # As many as there are stages at most: both nets, the coarser one kept, boundary points.
@@ -285,6 +284,5 @@ def draw_convergence(axes, fit: OrganFit) -> None:
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
     axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    bare(axes)
     axes.legend(fontsize=9, frameon=False, title="stage (iterations)", title_fontsize=9)

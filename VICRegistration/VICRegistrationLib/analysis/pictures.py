@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from ..imaging.image import Image
 from ..registration.organ import OrganFit
-from .canvas import blank_figure, literal, save_figure
+from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from .deviation import Reference, deviation
-from .panels import TEXT_COLOUR, Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
+from .panels import Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
 
 ORGAN_COLOURS = {"bladder": "#f5b82e", "vagina": "#ea6a9d", "rectum": "#4fb477", "uterus": "#9a7be0"}
 _OTHER_COLOURS = ("#3f9be0", "#e8743b", "#35b8b1", "#b58a5b")

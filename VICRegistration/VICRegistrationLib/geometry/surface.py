@@ -86,6 +86,25 @@ class BSplineSurface:
 
     # ------------------------------------------------------------------ evaluation
 
+    def midpoints(self, n_u: int, n_v: int) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters in the middles of equal intervals, so that neither poles nor seam are hit.
+
+        Parameters
+        ----------
+        n_u, n_v : int
+            Number of intervals.
+
+        Returns
+        -------
+        u, v : (n_u * n_v,) ndarray
+            All pairs of them.
+        """
+        axes = [
+            low + (high - low) * (np.arange(count) + 0.5) / count for (low, high), count in zip(self.domain, (n_u, n_v))
+        ]
+        u, v = np.meshgrid(*axes, indexing="ij")
+        return u.ravel(), v.ravel()
+
     def grid(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:
         """Points, or a partial derivative, on the grid of all pairs of parameters.
 

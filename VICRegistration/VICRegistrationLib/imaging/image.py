@@ -10,6 +10,8 @@ import numpy as np
 # The squares of greater levels, summed over a volume, leave the range of numbers.
 _LARGEST_LEVEL = 1e100
 
+_SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
+
 
 @dataclass(frozen=True, eq=False)
 class Image:
@@ -143,6 +145,23 @@ def _view(array, ijk_to_ras):
     object.__setattr__(image, "array", array)
     object.__setattr__(image, "ijk_to_ras", _checked_matrix(ijk_to_ras))
     return image
+
+
+def patient_side(direction: np.ndarray) -> str:
+    """Side of the patient that a direction looks to.
+
+    Parameters
+    ----------
+    direction : (3,) array_like
+        Along R, A and S; of any length.
+
+    Returns
+    -------
+    str
+        "left", "right", "posterior", "anterior", "inferior" or "superior": the one that is nearest.
+    """
+    axis = int(np.argmax(np.abs(direction)))
+    return _SIDES[axis][int(direction[axis] > 0.0)]
 
 
 def _transformed(matrix, points):

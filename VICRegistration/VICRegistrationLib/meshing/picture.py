@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import blank_figure, literal, save_figure
+from ..analysis.canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from ..analysis.pictures import organ_colours
 from ..analysis.shading import Camera, lit_mesh, shaded_triangles
 from .groups import faces_of, flat_triangles
@@ -15,7 +15,7 @@ from .tetrahedra import TetrahedralMesh
 
 # As the other pictures: from the patient's left, front and above. The cut leaves the patient's right half.
 _VIEWER = (-0.80, 0.52, 0.30)
-_TEXT_COLOUR, _EDGE_COLOUR = "#2b2f36", "#1d2026"
+_EDGE_COLOUR = "#1d2026"
 
 
 def mesh_picture(path: str | os.PathLike, mesh: TetrahedralMesh, name: str) -> None:
@@ -37,7 +37,7 @@ def mesh_picture(path: str | os.PathLike, mesh: TetrahedralMesh, name: str) -> N
         If the file cannot be written.
     """
     figure = blank_figure((12.0, 7.0))
-    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=TEXT_COLOUR, va="top")
     found = quality(mesh)
     lines = (
         f"{len(mesh.tetrahedra)} {('linear', 'second-order')[mesh.order - 1]} tetrahedra   \u00b7   "
@@ -45,7 +45,7 @@ def mesh_picture(path: str | os.PathLike, mesh: TetrahedralMesh, name: str) -> N
         f"scaled Jacobian: min {found.scaled_jacobian_min:.2f}, mean {found.scaled_jacobian_mean:.2f}   \u00b7   "
         f"volume {100.0 * (found.volume_ratio - 1.0):+.2f} % of the exact solids"
     )
-    figure.text(0.03, 0.915, lines, size=10.5, color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.915, lines, size=10.5, color=TEXT_COLOUR, va="top")
     colours = _colours(mesh)
     middles = mesh.points[mesh.tetrahedra[:, :4]].mean(axis=1)
     halves = middles[:, 0] >= np.median(middles[:, 0])

@@ -94,22 +94,23 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     net = net_of(model, options.closure)
     closed, grid = machinery(net, options.closure)
     scaling, region = plan.region_stages(options)
-    placed = yield from _last(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
-    near = yield from _last(region, closed.at(placed.surface), grid)
+    scaled = yield from _last(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
+    near = yield from _last(region, closed.at(scaled.surface), grid)
     coarse, _ = plan.grey_level_stages(_to_start_with(options, plan.pixel))
     caught = yield from _last(coarse, closed.at(near.surface), grid)
     chosen, choices = _chosen(plan, caught, options)
     anchor = _HOLD * caught.cost
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
     found = yield from _last(fine, closed.at(caught.surface), grid)
-    why = _GIVEN
     lost = plan.astray(found.surface)
     if lost:
         found, held = yield from _held(plan, near, closed, grid, chosen, anchor, lost)
         choices = (*choices, held)
-        why = _GIVEN if options.net is not None else "no finer one was tried, as the image holds not even this one"
+        why = "no finer one was tried, as the image holds not even this one"
     elif options.net is None:
         found, why = yield from _finer(plan, near.surface, found, replace(chosen, net=net), anchor)
+    if options.net is not None:
+        why = _GIVEN
     net = net_of(found.surface, options.closure)
     choices = (Choice("net", f"{net[0]}x{net[1]}", why), *choices)
     if net != net_of(model, options.closure):

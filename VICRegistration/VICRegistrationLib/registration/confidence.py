@@ -17,7 +17,7 @@ from scipy import ndimage
 from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
-from ..imaging.image import Image
+from ..imaging.image import Image, patient_side
 from .correlation import Correlation, Support
 from .nets import grid_shape, net_of
 from .options import FitOptions
@@ -99,10 +99,7 @@ class Confidence:
         center = areas @ points / areas.sum()
         spread = np.sqrt(areas @ (points - center) ** 2 / areas.sum())
         offset = (part @ points / part.sum() - center) / spread
-        axis = int(np.argmax(np.abs(offset)))
-        if abs(offset[axis]) < 0.5:
-            return ""
-        return (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))[axis][int(offset[axis] > 0.0)]
+        return patient_side(offset) if np.abs(offset).max() >= 0.5 else ""
 
 
 def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) -> Confidence:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..imaging.image import Image
+from ..imaging.image import Image, patient_side
 from ..imaging.separation import Region
 from .organ import OrganFit
 
@@ -91,8 +89,7 @@ def _side(image: Image, face: str) -> str:
     """Side of the patient that a face of the volume such as "k-" looks to."""
     axis, sign = "ijk".index(face[0]), -1.0 if face[1] == "-" else 1.0
     outward = sign * image.ijk_to_ras[:3, axis]
-    nearest = int(np.argmax(np.abs(outward)))
-    return (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))[nearest][int(outward[nearest] > 0)]
+    return patient_side(outward)
 
 
 def _warnings_about_fit(fit: OrganFit) -> list[str]:

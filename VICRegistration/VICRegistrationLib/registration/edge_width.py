@@ -34,9 +34,7 @@ def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> 
     width is that of the cosine ramp of equation 3 with the same slope at half height.
     """
     pixel = float(np.linalg.norm(voxel, axis=0).min())
-    (u_low, u_high), (v_low, v_high) = surface.domain
-    u, v = (part.ravel() for part in np.meshgrid((np.arange(32) + 0.5) / 32.0, (np.arange(20) + 0.5) / 20.0))
-    u, v = u_low + (u_high - u_low) * u, v_low + (v_high - v_low) * v
+    u, v = surface.midpoints(32, 20)
     normals = surface.normals(u, v)
     depths = PROFILE_PIXELS * pixel
     values, valid = sampler.values(surface.points(u, v)[:, None] + depths[:, None] * normals[:, None])

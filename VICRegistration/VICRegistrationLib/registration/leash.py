@@ -32,10 +32,7 @@ def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> str:
     problems = check_surface(surface)
     if problems:
         return f"its surface was no valid one ({problems[0].kind})"
-    (u_low, u_high), (v_low, v_high) = surface.domain
-    u = u_low + (u_high - u_low) * (np.arange(_SAMPLES[0]) + 0.5) / _SAMPLES[0]
-    v = v_low + (v_high - v_low) * (np.arange(_SAMPLES[1]) + 0.5) / _SAMPLES[1]
-    values, seen = distance.values(surface.grid(u, v).reshape(-1, 3))
+    values, seen = distance.values(surface.points(*surface.midpoints(*_SAMPLES)))
     radius = (3.0 * volume / (4.0 * np.pi)) ** (1.0 / 3.0)
     if not seen.all():
         return "its surface left the surroundings of the region"

@@ -242,10 +242,7 @@ def _levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOption
     """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
     if options.levels == "given":
         return options.inside, options.outside
-    (u_low, u_high), (v_low, v_high) = surface.domain
-    # Midpoints, so that poles are not hit.
-    u, v = (part.ravel() for part in np.meshgrid((np.arange(24) + 0.5) / 24.0, (np.arange(16) + 0.5) / 16.0))
-    u, v = u_low + (u_high - u_low) * u, v_low + (v_high - v_low) * v
+    u, v = surface.midpoints(24, 16)
     points, normals = surface.points(u, v), surface.normals(u, v)
     medians = []
     for depths in (PROBE_DEPTHS[PROBE_DEPTHS <= -1.0], PROBE_DEPTHS[PROBE_DEPTHS >= 0.375]):

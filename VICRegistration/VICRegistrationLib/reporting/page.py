@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from ..imaging.image import Image
+from ..imaging.image import Image, patient_side
 from .contents import ReportedOrgan, Source
 from .html import Html, element, items, png_picture, table
 from .organ_section import organ_section, percent_text, volume_text
@@ -16,7 +16,6 @@ from .style import CSS
 # The page needs nothing from anywhere; browsers hold it to that.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
-_DIRECTIONS = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
 _PLANES = ("sagittal", "coronal", "axial")
 # Below it, degrees, nobody would call a stack turned.
 _STRAIGHT = 0.5
@@ -151,8 +150,8 @@ def orientation_text(image: Image) -> str:
     directions = image.ijk_to_ras[:3, :3] / image.spacing
     worlds = np.abs(directions).argmax(axis=0)
     runs = ", ".join(
-        f"{axis} {'runs ' if axis == 'i' else ''}to {_DIRECTIONS[world][int(directions[world, column] > 0.0)]}"
-        for column, (axis, world) in enumerate(zip("ijk", worlds))
+        f"{axis} {'runs ' if axis == 'i' else ''}to {patient_side(directions[:, column])}"
+        for column, axis in enumerate("ijk")
     )
     along = int(np.argmax(image.spacing - 1e-6 * image.spacing.max() * np.array([2, 1, 0])))
     cosines = np.abs(directions[worlds, range(3)])

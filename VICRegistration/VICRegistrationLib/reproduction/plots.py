@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..analysis.canvas import blank_figure, save_figure
+from ..analysis.canvas import bare, blank_figure, save_figure
 from ..analysis.slicing import SAGITTAL, View, cut, slice_of
 from ..geometry import models
 from ..geometry.parametrization import affine
@@ -192,7 +192,6 @@ def _finish_axes(axes, x: str, y: str, title: str) -> None:
     axes.set_title(title, size=11, loc="left", color=_TEXT)
     axes.grid(color="#e7eaee", linewidth=0.7)
     axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    bare(axes)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(_FAINT)

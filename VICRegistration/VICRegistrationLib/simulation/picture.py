@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import blank_figure, literal, save_figure
+from ..analysis.canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from ..analysis.coloured_surface import draw_colour_bar, draw_coloured
 from ..analysis.shading import Camera, lit_mesh
 from ..meshing.groups import faces_of, flat_triangles
@@ -15,7 +15,6 @@ from .solution import Solution
 
 # As the other pictures: from the patient's left, front and above. The cut leaves the patient's right half.
 _VIEWER = (-0.80, 0.52, 0.30)
-_TEXT_COLOUR = "#2b2f36"
 # The largest displacement is drawn as this part of the organ's size.
 _SHOWN = 0.04
 
@@ -40,10 +39,10 @@ def simulation_picture(path: str | os.PathLike, solution: Solution, name: str) -
     """
     figure = blank_figure((12.0, 7.0))
     scale = _exaggeration(solution)
-    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=_TEXT_COLOUR, va="top")
+    figure.text(0.03, 0.965, literal(name), size=18, weight="bold", color=TEXT_COLOUR, va="top")
     drawn = "deformation in its true size" if scale == 1.0 else f"deformation drawn {scale:.3g} times as large"
     lines = "\n".join([*described(solution), drawn])
-    figure.text(0.03, 0.915, lines, size=10.5, color=_TEXT_COLOUR, va="top", linespacing=1.45)
+    figure.text(0.03, 0.915, lines, size=10.5, color=TEXT_COLOUR, va="top", linespacing=1.45)
     points = solution.mesh.points + scale * np.nan_to_num(solution.displacement)
     length = np.linalg.norm(np.nan_to_num(solution.displacement), axis=1)
     faces, _, second = faces_of(solution.mesh.tetrahedra)
