@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reorientation import motion, reordered
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
@@ -130,6 +131,27 @@ def test_the_paper_s_closure_has_a_confidence(clear):
     image, _ = clear
     fit = at_box(image, FitOptions(closure="paper"))
     assert np.isfinite(fit.confidence.deviations).all()
+
+
+def test_an_image_without_any_edge_is_told_and_no_error(clear):
+    image, fit = clear
+    for array in (np.full(image.array.shape, 100, dtype=np.uint8), np.zeros(image.array.shape)):
+        confidence = confidence_of(Image(array, image.ijk_to_ras), fit.surface, fit.options)
+        assert confidence.unsupported_share == 1.0
+        assert confidence.deviations.min() > 2.5
+        assert np.isfinite(confidence.deviations).all()
+
+
+@pytest.mark.parametrize("degrees", [37.0, 160.0])
+def test_it_turns_with_the_volume_and_does_not_mind_the_order_of_its_axes(capped, degrees):
+    image, fit = capped
+    matrix = motion(degrees, (1, -2, 0.5), (30.0, -200.0, 75.0))
+    turned = Image(image.array, matrix @ image.ijk_to_ras)
+    for other in (turned, reordered(turned, (2, 0, 1), (True, False, False))):
+        found = confidence_of(other, fit.surface.transformed(matrix), fit.options)
+        np.testing.assert_allclose(found.deviations, fit.confidence.deviations, rtol=1e-6)
+        np.testing.assert_allclose(found.supports, fit.confidence.supports, atol=1e-9)
+        assert found.volume_sd_ml == pytest.approx(fit.confidence.volume_sd_ml, rel=1e-6)
 
 
 def test_a_surface_outside_of_the_volume_is_refused(clear):

@@ -18,10 +18,11 @@ from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, patient_side
+from ..imaging.sampling import Sampler
 from .correlation import Correlation, Support
 from .nets import grid_shape, net_of
 from .options import FitOptions
-from .plan import machinery, surface_stages
+from .plan import crop_around, grey_level_stages, levels_beside, machinery
 from .sample_grid import SampleGrid
 from .stages import stiffness
 
@@ -132,13 +133,18 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     closed = closed_organ_parametrization(surface, closure=options.closure)
     space = closed if closed.n_dof <= _MOST_DOF else machinery(_COARSER_NET, options.closure)[0]
     shape = grid_shape(net_of(space.surface, options.closure))
-    stage = surface_stages(image, surface, np.zeros((0, 3)), options)[1]
+    voxel = image.ijk_to_ras[:3, :3]
+    sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), 4.0 * options.tau))
+    inside, outside = levels_beside(surface, sampler, options)
+    if inside == outside:
+        # The estimates along the surface will tell that there is no edge: they only need to know a brighter side.
+        outside = inside - 1e-6 * (abs(inside) or 1.0)
+    _, stage = grey_level_stages(sampler, inside, outside, voxel, options)
     seen = stage.correlation(closed, SampleGrid.on(surface, shape))
     moved = seen if space is closed else stage.correlation(space, SampleGrid.on(space.surface, shape))
     support = _doubted(seen.support(np.zeros(closed.n_dof)), shape)
     areas = support.area * surface.area()
     variance = _smoothed(support.variance, support, shape)
-    voxel = image.ijk_to_ras[:3, :3]
     pixel = float(np.min(image.spacing))
     # A voxel is one independent number, whatever the number of samples in it.
     lines = areas / (abs(np.linalg.det(voxel)) / pixel)

@@ -223,7 +223,7 @@ def surface_stages(
     sampler = Sampler(
         crop_around(image, np.concatenate([surface.control_net.reshape(-1, 3), points]), 4.0 * options.tau)
     )
-    inside, outside = _levels_beside(surface, sampler, options)
+    inside, outside = levels_beside(surface, sampler, options)
     coarse, fine = grey_level_stages(sampler, inside, outside, image.ijk_to_ras[:3, :3], options)
     rules = {"solver": "gauss-newton", "tolerance": BOUNDARY_TOLERANCE, "cost_tolerance": 0.0}
     return coarse, fine, replace(fine, name="boundary points", **rules)
@@ -238,8 +238,27 @@ def crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
     return image.crop(start[::-1], stop[::-1])
 
 
-def _levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
+def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+    sampler : Sampler
+        The grey levels, in the surface's frame.
+    options : FitOptions
+        With `tau`.
+
+    Returns
+    -------
+    inside, outside : float
+        Medians; equal where the image shows no difference.
+
+    Raises
+    ------
+    ValueError
+        If the surface lies outside of the volume.
+    """
     if options.levels == "given":
         return options.inside, options.outside
     u, v = surface.midpoints(24, 16)
