@@ -32,10 +32,11 @@ def modules():
         import scenes
         import simulations
         import surfaces
+        import tubes
         import volumes
 
         parts = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
-        found = (accuracy, confidence, hippocampus, robustness, *parts)
+        found = (accuracy, confidence, hippocampus, robustness, tubes, *parts)
         yield {module.__name__: module for module in found}
         for module in found:
             del sys.modules[module.__name__]
@@ -178,6 +179,13 @@ def test_confidence_is_told_for_every_organ_and_noise(modules, pelvis, monkeypat
 
 def test_hippocampi_are_left_out_where_there_are_none(modules, tmp_path):
     assert modules["hippocampus"].hippocampi(tmp_path) == []
+
+
+def test_a_bent_tube_is_told_from_both_starts(modules):
+    lines = modules["tubes"].report(quick=True).splitlines()
+    means = {words[1]: float(words[2]) for words in map(str.split, lines) if words[:1] == ["100°"]}
+    assert means["chosen"] < 0.3
+    assert means["ellipsoid"] > 3.0 * means["chosen"]
 
 
 def test_a_hippocampus_is_told_from_its_box_and_from_its_label(modules, shared_data):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from tubes import RADIUS_MM, bent_tube
 
 from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
@@ -13,28 +14,6 @@ from VICRegistrationLib.imaging.separation import region_from_mask, separate
 from VICRegistrationLib.registration.bent_model import bent_axis, bent_model
 from VICRegistrationLib.registration.organ import finish, fit_region
 from VICRegistrationLib.registration.region_image import region_image
-
-LENGTH, RADIUS = 110.0, 11.0
-
-
-def sausage(degrees, *, flat=1.0):
-    """A tube of 110 x 22 mm bent by an angle, bright in dark; image, mask, axis (n, 3)."""
-    spacing = np.array([1.0, 1.0, 3.0])
-    bend = LENGTH / np.deg2rad(degrees)
-    t = np.linspace(-0.5, 0.5, 400) * np.deg2rad(degrees)
-    axis = np.column_stack([bend * np.sin(t), bend * np.cos(t), np.zeros(len(t))])
-    axis -= axis.mean(axis=0)
-    size = ((np.ptp(axis, axis=0) + 4.0 * RADIUS) / spacing).astype(int) + 1
-    matrix = np.diag([*spacing, 1.0])
-    matrix[:3, 3] = -(size - 1) / 2.0 * spacing
-    image = Image(np.zeros(size[::-1]), matrix)
-    k, j, i = np.indices(image.array.shape)
-    points = image.to_ras(np.stack([i, j, k], axis=-1).reshape(-1, 3))
-    _, nearest = cKDTree(axis).query(points)
-    away = np.linalg.norm((points - axis[nearest]) * [1.0, 1.0, 1.0 / flat], axis=1).reshape(image.array.shape)
-    grey = 100.0 + 300.0 * np.clip(0.5 + RADIUS - away, 0.0, 1.0)
-    noisy = grey + 10.0 * np.random.default_rng(0).standard_normal(grey.shape)
-    return Image(noisy, matrix), away < RADIUS, axis
 
 
 def target(image, region):
@@ -47,7 +26,8 @@ def target(image, region):
 
 @pytest.mark.parametrize("degrees", [90, 180, 250])
 def test_the_axis_of_a_bent_organ_is_found(degrees):
-    image, mask, truth = sausage(degrees)
+    tube = bent_tube(degrees)
+    image, mask, truth = tube.image, tube.mask, tube.axis
     distance, frame = target(image, region_from_mask(image, mask))
     axis = bent_axis(distance)
     points = axis.points @ frame[:3, :3].T + frame[:3, 3]
@@ -56,11 +36,12 @@ def test_the_axis_of_a_bent_organ_is_found(degrees):
     assert off.max() < 2.0
     assert axis.bend > 1.5
     widths = np.sqrt(np.abs(np.linalg.det(axis.sections)))[np.abs(axis.places) < 0.3]
-    assert widths == pytest.approx(RADIUS, rel=0.2)
+    assert widths == pytest.approx(RADIUS_MM, rel=0.2)
 
 
 def test_frames_do_not_turn_about_the_axis():
-    image, mask, _ = sausage(180)
+    tube = bent_tube(180)
+    image, mask = tube.image, tube.mask
     axis = bent_axis(target(image, region_from_mask(image, mask))[0])
     across = np.einsum("nka,nkb->nab", axis.frames, axis.frames)
     np.testing.assert_allclose(across, np.broadcast_to(np.eye(2), across.shape), atol=1e-9)
@@ -72,18 +53,20 @@ def test_frames_do_not_turn_about_the_axis():
 @pytest.mark.parametrize("degrees", [90, 180, 250])
 @pytest.mark.parametrize("closure", ["smooth", "paper"])
 def test_the_tube_lies_along_the_organ(degrees, closure):
-    image, mask, _ = sausage(degrees)
+    tube = bent_tube(degrees)
+    image, mask = tube.image, tube.mask
     distance, frame = target(image, region_from_mask(image, mask))
     model = bent_model(distance, (9, 7), closure)
     found = deviation(
         model.transformed(frame), mesh_of_mask(Image(mask.astype(float), image.ijk_to_ras)), n_points=1000
     )
-    assert found.mean < 0.25 * RADIUS
+    assert found.mean < 0.25 * RADIUS_MM
     assert model.volume() > 0.0
 
 
 def test_a_straight_organ_is_left_to_the_ellipsoid():
-    image, mask, _ = sausage(5)
+    tube = bent_tube(5)
+    image, mask = tube.image, tube.mask
     distance, _ = target(image, region_from_mask(image, mask))
     assert bent_axis(distance).bend < 0.5
     assert bent_model(distance, (9, 7), "smooth") is None
@@ -105,7 +88,8 @@ def test_specks_have_no_axis():
 
 @pytest.mark.parametrize("degrees", [100, 180, 250])
 def test_bent_organs_are_fitted_as_well_as_straight_ones(degrees):
-    image, mask, _ = sausage(degrees)
+    tube = bent_tube(degrees)
+    image, mask = tube.image, tube.mask
     fit = finish(fit_region(image, region_from_mask(image, mask)))
     found = deviation(fit.surface, mesh_of_mask(Image(mask.astype(float), image.ijk_to_ras)), n_points=1500)
     assert fit.problems == ()
@@ -115,7 +99,8 @@ def test_bent_organs_are_fitted_as_well_as_straight_ones(degrees):
 
 
 def test_a_flat_bent_organ_keeps_its_flatness():
-    image, mask, _ = sausage(120, flat=2.0)
+    tube = bent_tube(120, flat=2.0)
+    image, mask = tube.image, tube.mask
     fit = finish(fit_region(image, region_from_mask(image, mask)))
     found = deviation(fit.surface, mesh_of_mask(Image(mask.astype(float), image.ijk_to_ras)), n_points=1500)
     assert fit.problems == ()

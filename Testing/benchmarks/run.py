@@ -22,6 +22,7 @@ TITLES = {
     "accuracy": "Surfaces against truth and experts: fitted, smoothed triangles, the paper",
     "robustness": "Seeds and grey levels moved at random",
     "confidence": "Errors against the standard deviations that fits tell",
+    "tubes": "Long, bent organs",
     "hippocampus": "Hippocampi in brain MRI, started from a box",
     "surface": "From a separated region to a surface",
     "separation": "Separating an organ in a large volume",
@@ -50,12 +51,14 @@ def reports() -> dict[str, Callable[..., str]]:
     import robustness
     import simulations
     import surfaces
+    import tubes
     import volumes
 
     functions = {
         "accuracy": accuracy.report,
         "robustness": robustness.report,
         "confidence": confidence.report,
+        "tubes": tubes.report,
         "hippocampus": hippocampus.report,
         "surface": surfaces.report,
         "separation": volumes.separation_report,
