@@ -122,6 +122,23 @@ def slicer_module(scene):
 
 
 @pytest.fixture
+def logic(slicer_module):
+    """A new logic of the module."""
+    import mrml_scenes
+
+    return mrml_scenes.logic()
+
+
+@pytest.fixture
+def organ(logic):
+    """An organ whose surface is the small phantom's ellipsoid, without a fit."""
+    import mrml_references
+    import mrml_scenes
+
+    return mrml_references.add_organ(logic, "bladder", mrml_scenes.add_volume())
+
+
+@pytest.fixture
 def recorded(scene):
     """Modules qt and ctk, and Slicer's widgets, as recorded in a real Slicer; .loop is their event loop."""
     from recorded_widgets import record

@@ -13,11 +13,6 @@ from VICRegistrationLib.registration.options import FitOptions
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def refused(logic, scene):
     """Fit what must be refused; returns the message after looking that the scene is as it was."""
 

@@ -51,11 +51,6 @@ RESULTS = ("label", "source", "threshold", "regionSegmentId", "state", "message"
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def through_a_bundle(scene, tmp_path):
     """Save the scene, empty it, and load it again."""
 

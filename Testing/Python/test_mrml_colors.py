@@ -22,17 +22,6 @@ from vtk.util.numpy_support import vtk_to_numpy
 from VICRegistrationLib.geometry.triangulation import triangulate
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
-def organ(logic):
-    """An organ whose surface is the ellipsoid, without a fit."""
-    return add_organ(logic, "bladder", mrml_scenes.add_volume())
-
-
 def test_the_surface_is_coloured_with_one_range_on_both_sides_and_a_legend(logic, organ):
     logic.compare(organ, surface_model(larger(0.0, shift=(3.0, 0.0, 0.0))))
     display, legend = organ.surface.GetDisplayNode(), legend_of(organ)

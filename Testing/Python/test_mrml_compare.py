@@ -33,17 +33,6 @@ SCALING = np.diag([1.1, 0.9, 1.2, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
-def organ(logic):
-    """An organ whose surface is the ellipsoid, without a fit."""
-    return add_organ(logic, "bladder", mrml_scenes.add_volume())
-
-
 # --- numbers ---------------------------------------------------------------------------------------------------------
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import mrml_boot
-import mrml_scenes
 import numpy as np
 import pytest
 import vtk
 from mrml_references import (
     DEVIATION,
-    add_organ,
     add_segmentation,
     colors_of,
     label_image,
@@ -23,17 +21,6 @@ from mrml_scenes import slicer
 from small_phantom import ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
-
-
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
-def organ(logic):
-    """An organ whose surface is the ellipsoid, without a fit."""
-    return add_organ(logic, "bladder", mrml_scenes.add_volume())
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,6 @@ from VICRegistrationLib.registration.options import FitOptions
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def fitted(logic):
     """An organ with every node it can have, and its volume."""
     volume = mrml_scenes.add_volume()

@@ -17,11 +17,6 @@ SCALING = np.diag([1.2, 0.8, 1.5, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
 def organ_under(logic, matrix=None):
     """A fitted organ whose volume is under a linear transform."""
     under = None if matrix is None else mrml_scenes.add_linear_transform(matrix)

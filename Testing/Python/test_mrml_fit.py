@@ -23,11 +23,6 @@ SAME_MM = 1e-6
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
 def by_command_line(image, folder):
     """Surface that the command line finds in an image file."""
     write_image(image, folder / "mri.nrrd")

@@ -11,11 +11,6 @@ from mrml_scenes import slicer
 from small_phantom import CENTER
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
 def observers(scene):
     """Observers of the scene and of each of its nodes, by ID."""
     # Markups listen more to the list that is the active one, which a new list takes over.

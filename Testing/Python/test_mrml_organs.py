@@ -11,11 +11,6 @@ from VICRegistrationLib.registration.options import FitOptions
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def organs(logic):
     return logic.organs()
 

@@ -20,11 +20,6 @@ OUTSIDE = CENTER + [19.0, 0.0, 0.0]
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def fitted(logic):
     volume = mrml_scenes.add_volume()
     return logic.fit(volume, [CENTER], name="bladder"), volume

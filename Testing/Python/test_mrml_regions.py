@@ -16,11 +16,6 @@ from VICRegistrationLib.imaging.separation import separate
 
 
 @pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
-@pytest.fixture
 def separated(slicer_module):
     """Separate an organ as the panel's preview does."""
     from VICRegistrationLib.mrml.fitting import separateOrgan

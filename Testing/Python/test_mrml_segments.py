@@ -17,11 +17,6 @@ from VICRegistrationLib.imaging.phantom import volume_fractions
 NEAR_MM = 0.25
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
 def grid(spacing, *, matrix=None, size=70.0):
     """An empty image of isotropic voxels around the small phantom, turned about its centre."""
     turn = np.eye(3) if matrix is None else matrix[:3, :3]

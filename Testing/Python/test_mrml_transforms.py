@@ -16,11 +16,6 @@ ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 NEAR_MM = 0.25
 
 
-@pytest.fixture
-def logic(slicer_module):
-    return mrml_scenes.logic()
-
-
 def scaling():
     """Stretched by half along one oblique direction, and mirrored: left becomes right."""
     turn = motion(30, (1, 1, 0))

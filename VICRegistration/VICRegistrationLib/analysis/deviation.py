@@ -125,14 +125,8 @@ def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: in
 
     Parameters
     ----------
-    fitted : BSplineSurface
-        RAS mm, outward normals.
-    reference : BSplineSurface, TriangleMesh or ReferenceMesh
-        RAS mm.
-    n_points : int
-        Number of points of the reference, spread evenly over its area.
-    seed : int
-        Seed of the random numbers that place them.
+    fitted, reference, n_points, seed
+        As for :func:`deviation`.
 
     Returns
     -------
