@@ -213,3 +213,18 @@ def test_too_few_control_points_for_uniform_knots_are_refused():
 def test_parameters_outside_the_domain_are_refused():
     with pytest.raises(ValueError, match="reach from -0.1 to 1; the surface is defined on 0 to 1"):
         bspline.collocation(3, bspline.uniform_clamped_knots(3, 5), [-0.1, 1.0])
+
+
+def test_matrices_that_were_made_before_are_not_those_that_were_given_out():
+    knots = bspline.uniform_clamped_knots(3, 7)
+    x = np.linspace(0.0, 1.0, 9)
+    for make in (
+        lambda: bspline.collocation(3, knots, x),
+        lambda: bspline.knot_insertion(3, knots, [0.3])[1],
+    ):
+        first = make()
+        kept = first.toarray()
+        first.data[:] = 0.0
+        np.testing.assert_array_equal(make().toarray(), kept)
+    bspline.knot_insertion(3, knots, [0.3])[0][:] = 0.0
+    assert bspline.knot_insertion(3, knots, [0.3])[0][-1] == 1.0

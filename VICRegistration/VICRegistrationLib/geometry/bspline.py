@@ -6,8 +6,13 @@ Notation follows Piegl & Tiller, *The NURBS Book* (1997): degree ``p``, knot vec
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import sparse
+
+# Matrices for at most so many parameters are kept: those of grids, on which every surface is looked at.
+_FEW = 512
 
 
 def validated_knots(degree: int, knots: np.ndarray) -> np.ndarray:
@@ -180,6 +185,19 @@ def collocation(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int =
     ValueError
         If a parameter lies outside the domain.
     """
+    knots, x = np.asarray(knots, dtype=float), np.asarray(x, dtype=float)
+    if len(x) > _FEW:
+        return _collocation(degree, knots, x, derivative)
+    return _kept_collocation(degree, knots.tobytes(), x.tobytes(), derivative).copy()
+
+
+@lru_cache(maxsize=128)
+def _kept_collocation(degree: int, knots: bytes, x: bytes, derivative: int) -> sparse.csr_matrix:
+    """Make a matrix that is asked for again and again: surfaces are looked at on grids of the same few parameters."""
+    return _collocation(degree, np.frombuffer(knots), np.frombuffer(x), derivative)
+
+
+def _collocation(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int) -> sparse.csr_matrix:
     first, values = nonzero_basis(degree, knots, x, derivative)
     columns = first[:, None] + np.arange(degree + 1)
     rows = np.arange(0, values.size + 1, degree + 1)
@@ -221,9 +239,18 @@ def knot_insertion(degree: int, knots: np.ndarray, new_knots: np.ndarray):
     -----
     Boehm's algorithm (The NURBS Book, eq. 5.15), one knot after the other.
     """
+    knots, new_knots = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (knots, new_knots))
+    refined, matrix = _kept_insertion(degree, knots.tobytes(), new_knots.tobytes())
+    return refined.copy(), matrix.copy()
+
+
+@lru_cache(maxsize=32)
+def _kept_insertion(degree: int, knots: bytes, new_knots: bytes) -> tuple[np.ndarray, sparse.csr_matrix]:
+    """Insert knots; kept, because nets of one size are made finer in the same way for every organ."""
+    knots = np.frombuffer(knots)
     low, high = domain(degree, knots)
     matrix = sparse.identity(len(knots) - degree - 1, format="csr")
-    for knot in np.atleast_1d(np.asarray(new_knots, dtype=float)):
+    for knot in np.frombuffer(new_knots):
         if not low <= knot <= high:
             msg = f"Knot {knot:g} lies outside the domain {low:g} to {high:g}; insert knots inside it."
             raise ValueError(msg)

@@ -172,7 +172,27 @@ class BSplineSurface:
         (n, 3) ndarray
         """
         u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
-        du, dv = self.points(u, v, du=1), self.points(u, v, dv=1)
+        return self._normals(u, v, self.points(u, v, du=1), self.points(u, v, dv=1))
+
+    def grid_normals(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return unit normals on the grid of all pairs of parameters, as :meth:`normals` does for pairs.
+
+        Parameters
+        ----------
+        u : (m_u,) array_like
+        v : (m_v,) array_like
+            Parameters inside the domain.
+
+        Returns
+        -------
+        (m_u, m_v, 3) ndarray
+        """
+        along = (self.grid(u, v, du=1), self.grid(u, v, dv=1))
+        pairs = (part.ravel() for part in np.meshgrid(u, v, indexing="ij"))
+        return self._normals(*pairs, *(part.reshape(-1, 3) for part in along)).reshape(along[0].shape)
+
+    def _normals(self, u: np.ndarray, v: np.ndarray, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
+        """Return unit normals for the tangents at pairs of parameters."""
         cross = np.cross(du, dv)
         flat = np.linalg.norm(du, axis=1) <= 1e-7 * self.size
         if flat.any():

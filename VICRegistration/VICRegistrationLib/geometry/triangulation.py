@@ -93,11 +93,12 @@ def triangulate(
         msg = f"A resolution of {n_u} x {n_v} was asked for; at least 3 x 2 intervals are needed."
         raise ValueError(msg)
     (u_low, u_high), (v_low, v_high) = surface.domain
-    u, v = np.meshgrid(np.linspace(u_low, u_high, n_u + 1), np.linspace(v_low, v_high, n_v + 1), indexing="ij")
+    axes = np.linspace(u_low, u_high, n_u + 1), np.linspace(v_low, v_high, n_v + 1)
+    points, normals = surface.grid(*axes).reshape(-1, 3), surface.grid_normals(*axes).reshape(-1, 3)
+    u, v = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
     vertex = _shared_vertices(surface, n_u, n_v)
     _, first, vertex = np.unique(vertex.ravel(), return_index=True, return_inverse=True)
     vertex = vertex.reshape(n_u + 1, n_v + 1)
-    u, v = u.ravel()[first], v.ravel()[first]
     a, b, c, d = vertex[:-1, :-1], vertex[1:, :-1], vertex[1:, 1:], vertex[:-1, 1:]
     # Diagonals alternate, so that a symmetric surface gets a symmetric mesh.
     even = np.add.outer(np.arange(n_u), np.arange(n_v)) % 2 == 0
@@ -106,7 +107,7 @@ def triangulate(
     triangles = np.concatenate([one.reshape(-1, 3), two.reshape(-1, 3)])
     i, j, k = triangles.T
     triangles = triangles[(i != j) & (j != k) & (k != i)]
-    return TriangleMesh(surface.points(u, v), triangles, surface.normals(u, v), np.column_stack([u, v]))
+    return TriangleMesh(points[first], triangles, normals[first], np.column_stack([u, v])[first])
 
 
 def _shared_vertices(surface: BSplineSurface, n_u: int, n_v: int) -> np.ndarray:

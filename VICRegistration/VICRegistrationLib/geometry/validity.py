@@ -247,9 +247,9 @@ def _crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray
     middle = (low + high) / 2.0
     reach = np.linalg.norm(high - low, axis=1).max()
     pairs = cKDTree(middle).query_pairs(reach, output_type="ndarray")
-    a, b = pairs.T
-    for k in range(3):
-        overlap = (low[a, k] <= high[b, k]) & (low[b, k] <= high[a, k])
+    a, b = np.ascontiguousarray(pairs.T)
+    for lowest, highest in zip(np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)):
+        overlap = (lowest[a] <= highest[b]) & (lowest[b] <= highest[a])
         a, b = a[overlap], b[overlap]
     shared = (triangles[a][:, :, None] == triangles[b][:, None, :]).any(axis=(1, 2))
     a, b = a[~shared], b[~shared]
