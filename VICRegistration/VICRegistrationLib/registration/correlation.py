@@ -164,6 +164,7 @@ class Correlation:
         self._alike = all(motion is motions[0] for motion in motions)
         self._held = None
         self._settled = False
+        self._fresh = None
         self._shift = None
         self._reading = None
 
@@ -226,8 +227,9 @@ class Correlation:
 
     def refresh(self, q: np.ndarray) -> None:
         """Bring levels, ramp widths and area weights up to date with the surface at q."""
-        if self._settled:
+        if self._settled or (self._fresh is not None and np.array_equal(q, self._fresh)):
             return
+        self._fresh = q.copy()
         frame = self.frame(q)
         width = self.levels.width
         if self._shift is None:
@@ -356,23 +358,25 @@ class Correlation:
 
     def quadratic_form(self, outer: np.ndarray):
         """Sum over the samples of dS' M dS for symmetric matrices M (n, 3, 3), as a matrix (n_dof, n_dof)."""
+        pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+        weights = np.stack([outer[:, a, b] for a, b in pairs], axis=1)
         motion, indices = self._motion[0], self.parametrization.indices
+        if self._alike:
+            blocks = self.grid.products(self.parametrization.matrices[0]).forms(weights, dense=not self.sparse)
+        elif self.sparse:
+            blocks = [motion[a].T @ sparse.diags(w) @ motion[b] for (a, b), w in zip(pairs, weights.T)]
+        else:
+            blocks = [motion[a].T @ (w[:, None] * motion[b]) for (a, b), w in zip(pairs, weights.T)]
         n_dof = self.parametrization.n_dof
-        if not self.sparse:
-            result = np.zeros((n_dof, n_dof))
-            for a in range(3):
-                for b in range(a, 3):
-                    block = motion[a].T @ (outer[:, a, b, None] * motion[b])
-                    result[np.ix_(indices[a], indices[b])] += block
-                    if a != b:
-                        result[np.ix_(indices[b], indices[a])] += block.T
-            return result
-        total = sparse.csc_matrix((n_dof, n_dof))
-        for a in range(3):
-            for b in range(3):
-                block = (motion[a].T @ sparse.diags(outer[:, a, b]) @ motion[b]).tocoo()
-                place = (indices[a][block.row], indices[b][block.col])
-                total = total + sparse.csc_matrix((block.data, place), shape=(n_dof, n_dof))
+        total = sparse.csc_matrix((n_dof, n_dof)) if self.sparse else np.zeros((n_dof, n_dof))
+        for (a, b), block in zip(pairs, blocks):
+            for rows, columns, part in ((a, b, block), (b, a, block.T))[: 1 if a == b else 2]:
+                if self.sparse:
+                    part = part.tocoo()
+                    place = (indices[rows][part.row], indices[columns][part.col])
+                    total = total + sparse.csc_matrix((part.data, place), shape=total.shape)
+                else:
+                    total[np.ix_(indices[rows], indices[columns])] += part
         return total
 
     def jacobian(self, samples: Samples) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import sparse
 
 from ..geometry import bspline
 from ..geometry.surface import BSplineSurface
+from .pair_products import PairProducts
 
 # Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
 _KEPT_MOTIONS = 8
@@ -29,6 +31,7 @@ class SampleGrid:
     shape: tuple[int, int]
     bases: tuple[sparse.csr_matrix, ...]
     _motions: dict = field(default_factory=dict, repr=False)
+    _products: dict = field(default_factory=dict, repr=False)
 
     @classmethod
     def on(cls, surface: BSplineSurface, shape: tuple[int, int]) -> SampleGrid:
@@ -47,10 +50,23 @@ class SampleGrid:
 
         Kept, because the stages of a registration and the coordinates share their matrices.
         """
-        if id(matrix) not in self._motions:
+
+        def moved():
             products = [basis @ matrix for basis in self.bases[:3]]
-            # The matrix is kept too, so that its id stays its own.
-            self._motions[id(matrix)] = matrix, tuple(p.toarray() if dense else p.tocsr() for p in products)
-            while len(self._motions) > _KEPT_MOTIONS:
-                del self._motions[next(iter(self._motions))]
-        return self._motions[id(matrix)][1]
+            return tuple(p.toarray() if dense else p.tocsr() for p in products)
+
+        return _kept(self._motions, matrix, moved)
+
+    def products(self, matrix: sparse.csr_matrix) -> PairProducts:
+        """Products of the motions of S by every two of a coordinate's degrees of freedom; kept as well."""
+        return _kept(self._products, matrix, lambda: PairProducts.of(self.bases[0] @ matrix))
+
+
+def _kept(made: dict, matrix: sparse.csr_matrix, make: Callable[[], object]):
+    """Take what was made for a matrix, or make it; the last ones are kept."""
+    if id(matrix) not in made:
+        # The matrix is kept too, so that its id stays its own.
+        made[id(matrix)] = matrix, make()
+        while len(made) > _KEPT_MOTIONS:
+            del made[next(iter(made))]
+    return made[id(matrix)][1]

@@ -1,0 +1,84 @@
+"""Sums over the samples of products of two basis functions: what quadratic forms of a displacement are made of.
+
+Few basis functions meet at a sample, so that few of their products are not zero. These are worked out once for all
+weights that the samples will ever have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+
+@dataclass(frozen=True, eq=False)
+class PairProducts:
+    """Products of pairs of functions that meet at a sample.
+
+    Parameters
+    ----------
+    n : int
+        Number of functions.
+    rows, columns : (n_pairs,) ndarray of int
+        Which two functions; rows <= columns, each pair once.
+    products : (n_pairs, n_samples) csr_matrix
+        Of the two at each sample.
+    """
+
+    n: int
+    rows: np.ndarray
+    columns: np.ndarray
+    products: sparse.csr_matrix
+
+    @classmethod
+    def of(cls, functions: sparse.csr_matrix) -> PairProducts:
+        """Multiply all functions that meet.
+
+        Parameters
+        ----------
+        functions : (n_samples, n) sparse matrix
+            Values of n functions at the samples.
+
+        Returns
+        -------
+        PairProducts
+        """
+        functions = sparse.csr_matrix(functions)
+        functions.eliminate_zeros()
+        count = np.diff(functions.indptr)
+        sample = np.repeat(np.arange(len(count)), count**2)
+        within = np.arange(len(sample)) - np.repeat(np.cumsum(count**2) - count**2, count**2)
+        first, second = (functions.indptr[sample] + part for part in np.divmod(within, count[sample]))
+        once = functions.indices[first] <= functions.indices[second]
+        first, second, sample = first[once], second[once], sample[once]
+        n = functions.shape[1]
+        pair = functions.indices[first].astype(np.int64) * n + functions.indices[second]
+        pairs, place = np.unique(pair, return_inverse=True)
+        values = functions.data[first] * functions.data[second]
+        products = sparse.csr_matrix((values, (place, sample)), shape=(len(pairs), len(count)))
+        return cls(n, *np.divmod(pairs, n), products)
+
+    def forms(self, weights: np.ndarray, *, dense: bool) -> list:
+        """Sum up the products, weighted.
+
+        Parameters
+        ----------
+        weights : (n_samples, m) ndarray
+        dense : bool
+            Whether arrays are wanted, or sparse matrices.
+
+        Returns
+        -------
+        list of m (n, n) ndarray or csc_matrix
+            F' diag(w) F for the functions F and each column w of the weights.
+        """
+        sums = self.products @ weights
+        if dense:
+            forms = np.zeros((sums.shape[1], self.n, self.n))
+            forms[:, self.rows, self.columns] = sums.T
+            forms[:, self.columns, self.rows] = sums.T
+            return list(forms)
+        below = self.rows < self.columns
+        place = np.append(self.rows, self.columns[below]), np.append(self.columns, self.rows[below])
+        return [sparse.csc_matrix((np.append(s, s[below]), place), shape=(self.n, self.n)) for s in sums.T]
