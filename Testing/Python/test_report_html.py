@@ -16,7 +16,7 @@ import pytest
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import cli
-from VICRegistrationLib.analysis.canvas import blank_figure, indexed_png, png_bytes
+from VICRegistrationLib.analysis.canvas import blank_figure, drawn_pixels, indexed_png, png_bytes, read_pixels
 from VICRegistrationLib.analysis.comparison import compare, distances_from
 from VICRegistrationLib.analysis.confidence_picture import area_percentiles
 from VICRegistrationLib.analysis.panels import fine_mesh
@@ -278,7 +278,7 @@ def test_percentiles_are_those_of_the_area():
     assert (low, high) == (pytest.approx(-22.0, abs=0.5), pytest.approx(22.0, abs=0.5))
 
 
-def test_a_smaller_picture_keeps_white_greys_and_the_colour_of_a_thin_line():
+def test_a_smaller_picture_keeps_white_greys_and_the_colour_of_a_thin_line(tmp_path):
     from PIL import Image as Picture
 
     figure = blank_figure((3.0, 3.0))
@@ -287,7 +287,9 @@ def test_a_smaller_picture_keeps_white_greys_and_the_colour_of_a_thin_line():
     axes.plot([0, 299], [0, 299], color="#00c8ff", linewidth=2.0)
     axes.set_axis_off()
     whole = png_bytes(figure)
-    smaller = indexed_png(whole)
+    (tmp_path / "whole.png").write_bytes(whole)
+    assert np.array_equal(read_pixels(tmp_path / "whole.png"), drawn_pixels(figure))
+    smaller = indexed_png(drawn_pixels(figure))
     assert len(smaller) < 0.7 * len(whole)
     before, after = (np.asarray(Picture.open(io.BytesIO(each)).convert("RGB")).astype(int) for each in (whole, smaller))
     assert tuple(after[0, 0]) == (255, 255, 255)

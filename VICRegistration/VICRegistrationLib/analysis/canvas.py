@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -106,30 +107,61 @@ def png_bytes(figure) -> bytes:
 
     FigureCanvasAgg(figure)
     content = io.BytesIO()
-    with warnings.catch_warnings():
-        # Letters that the font does not have are drawn as boxes; the title is not worth more words.
-        warnings.simplefilter("ignore", UserWarning)
+    with _quiet():
         figure.savefig(content, format="png")
     return content.getvalue()
 
 
-def indexed_png(content: bytes) -> bytes:
-    """Make a PNG file smaller by a palette of 256 colours, which slices and lit surfaces do not need more of.
+@contextmanager
+def _quiet():
+    """Say nothing of letters that the font does not have: they are drawn as boxes, a title is not worth more words."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
+def drawn_pixels(figure) -> np.ndarray:
+    """Draw a figure.
 
     Parameters
     ----------
-    content : bytes
-        PNG file.
+    figure : matplotlib.figure.Figure
+
+    Returns
+    -------
+    (height, width, 3) ndarray of uint8
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = FigureCanvasAgg(figure)
+    with _quiet():
+        canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def read_pixels(path: str | os.PathLike) -> np.ndarray:
+    """Read a picture, (height, width, 3) ndarray of uint8."""
+    # matplotlib needs Pillow, so that it is there.
+    from PIL import Image
+
+    with Image.open(path) as file:
+        return np.asarray(file.convert("RGB"))
+
+
+def indexed_png(pixels: np.ndarray) -> bytes:
+    """Make a small PNG file of a palette of 256 colours, which slices and lit surfaces do not need more of.
+
+    Parameters
+    ----------
+    pixels : (height, width, 3) ndarray of uint8
 
     Returns
     -------
     bytes
     """
-    # matplotlib needs Pillow, so that it is there.
     from PIL import Image
 
-    with Image.open(io.BytesIO(content)) as file:
-        pixels = np.asarray(file.convert("RGB")).astype(np.int16)
+    pixels = pixels.astype(np.int16)
     # An even scale for greys: a slice has so many of them that thin contours would be left without their colours.
     coloured = np.ptp(pixels, axis=2) > _GREYISH
     numbers = np.rint(pixels.mean(axis=2) * (_GREYS - 1) / 255.0).astype(np.uint8)

@@ -108,7 +108,9 @@ def draw_coloured(
     each = np.asarray(values, dtype=float)[mesh.triangles].mean(axis=1)
     colours = colormaps[colour_map](Normalize(*limits)(each))[:, :3]
     corners, shades = shaded_triangles([mesh], [colours], camera, finish=MATT)
-    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
+    triangles = PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35)
+    axes.add_collection(triangles, autolim=False)
+    axes.update_datalim([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
     axes.autoscale_view()
     axes.set_aspect("equal")
     axes.set_axis_off()

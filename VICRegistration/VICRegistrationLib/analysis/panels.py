@@ -238,7 +238,8 @@ def draw_scene(axes, surfaces: Sequence[Shown], viewer: Sequence[float]) -> None
         [shown.mesh for shown in surfaces], [to_rgb(shown.colour) for shown in surfaces], camera
     )
     # Edges in the colour of the faces close the hairlines that antialiasing leaves between neighbours.
-    axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35))
+    triangles = PolyCollection(corners, facecolors=shades, edgecolors=shades, linewidths=0.35)
+    axes.add_collection(triangles, autolim=False)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     space = 0.22 * (high - low).max()
     axes.set(xlim=(low[0] - 1.1 * space, high[0] + 0.5 * space), ylim=(low[1] - space, high[1] + 0.15 * space))

@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 from .. import __version__
-from ..analysis.canvas import indexed_png
+from ..analysis.canvas import indexed_png, read_pixels
 from ..analysis.gaps import gaps
 from ..files import replacing
 from ..imaging.image import Image
@@ -96,7 +96,7 @@ def write_page(
         source,
         program=f"vic-registration {__version__}",
         date=datetime.now().astimezone(),
-        overview=indexed_png((folder / OVERVIEW).read_bytes()) if several else None,
+        overview=indexed_png(read_pixels(folder / OVERVIEW)) if several else None,
         gaps=_gaps(organs) if several else (),
         files=_files([organ.name for organ in organs], solids),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..analysis.canvas import blank_figure, indexed_png, png_bytes
+from ..analysis.canvas import blank_figure, drawn_pixels, indexed_png
 from ..analysis.confidence_picture import area_percentiles, confidence_map
 from ..analysis.deviation import Reference
 from ..analysis.deviation_picture import deviation_map
@@ -56,7 +56,7 @@ def organ_figures(
     deviations = confidence_map(*_with_deviations(surfaces[0].mesh, fit.confidence))
     distances = None if compared is None else deviation_map(compared.mesh, compared.distances, compared.comparison)
     figures = (slices, sides, convergence, deviations, distances)
-    return OrganFigures(*(None if figure is None else indexed_png(png_bytes(figure)) for figure in figures))
+    return OrganFigures(*(None if figure is None else indexed_png(drawn_pixels(figure)) for figure in figures))
 
 
 def confidence_percentiles(fit: OrganFit) -> list[tuple[float, float]]:
