@@ -53,7 +53,7 @@ def coarser_net(request, monkeypatch):
         return
     from VICRegistrationLib.registration import automatic
 
-    def finer(plan, near, found, options, anchor):
+    def finer(plan, scaled, found, options, anchor):
         yield from ()
         return found, "no finer one was tried"
 

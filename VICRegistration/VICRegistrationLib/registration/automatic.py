@@ -108,7 +108,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
         choices = (*choices, held)
         why = "no finer one was tried, as the image holds not even this one"
     elif options.net is None:
-        found, why = yield from _finer(plan, near.surface, found, replace(chosen, net=net), anchor)
+        found, why = yield from _finer(plan, scaled.surface, found, replace(chosen, net=net), anchor)
     if options.net is not None:
         why = _GIVEN
     net = net_of(found.surface, options.closure)
@@ -180,10 +180,10 @@ def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: 
 
 
 def _finer(
-    plan: Plan, near: BSplineSurface, found: Step, options: FitOptions, anchor: float
+    plan: Plan, scaled: BSplineSurface, found: Step, options: FitOptions, anchor: float
 ) -> Generator[Step, None, tuple[Step, str]]:
-    """Fit again with a finer net from the region on; the better one of both, and why it is."""
-    start = halved(near)
+    """Fit again with a finer net from the scaled model on; the better one of both, and why it is."""
+    start = halved(scaled)
     net = net_of(start, options.closure)
     closed, grid = machinery(options.net, options.closure, 1)
     _, region = plan.region_stages(options)
