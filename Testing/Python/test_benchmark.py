@@ -102,6 +102,7 @@ def test_a_surface_against_itself_is_off_by_nothing(modules, image):
     # The arc cosine of a number next to 1 has half its digits.
     assert found.angle < 1e-4
     assert found.back.maximum < 1e-6
+    assert found.both.n == found.distances.n + found.back.n
 
 
 def test_normals_of_a_label_are_those_of_the_shape_that_was_drawn(modules):
@@ -143,7 +144,8 @@ def test_the_table_of_accuracy_has_both_surfaces_and_the_paper_s(modules, pelvis
         assert re.search(rf"{organ}, demo: fitted +0\.\d\d ", text)
     assert text.count("triangles / fitted") == 3
     assert re.search(r"vagina, paper's witness 3 +1\.23 +1\.04\n", text)
-    assert "smoothed triangles worse in mean, 95 % and normals: so" in text
+    assert "smoothed triangles worse in mean, 95 %, normals: so" in text
+    assert "smoothed triangles worse in both, both 95 %: so" in text
     assert "Real bladders were skipped" in text
 
 
