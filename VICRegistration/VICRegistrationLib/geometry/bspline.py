@@ -149,22 +149,25 @@ def nonzero_basis(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int
     # The end of the domain belongs to the last span that is not empty.
     last_filled = np.searchsorted(knots, high, side="left") - 1
     span = np.minimum(span, last_filled)
-    values = np.ones((len(x), 1))
+    # A row for each function: whole rows are computed at once.
+    values = np.ones((1, len(x)))
     for k in range(1, degree + 1):
-        index = span[:, None] + np.arange(-k + 1, 1)
-        width = knots[index + k] - knots[index]
-        ratio = np.divide(values, width, out=np.zeros_like(values), where=width > 0)
-        raised = np.zeros((len(x), k + 1))
-        if k > degree - derivative:
-            raised[:, 1:] += k * ratio
-            raised[:, :-1] -= k * ratio
-        else:
-            raised[:, 1:] += (x[:, None] - knots[index]) * ratio
-            raised[:, :-1] += (knots[index + k] - x[:, None]) * ratio
+        width = knots[k:] - knots[:-k]
+        inverse = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0)
+        raised = np.zeros((k + 1, len(x)))
+        for row in range(k):
+            index = span - (k - 1 - row)
+            ratio = values[row] * inverse[index]
+            if k > degree - derivative:
+                raised[row] -= k * ratio
+                raised[row + 1] += k * ratio
+            else:
+                raised[row] += (knots[index + k] - x) * ratio
+                raised[row + 1] += (x - knots[index]) * ratio
         values = raised
     if derivative > degree:
         values = np.zeros_like(values)
-    return span - degree, values
+    return span - degree, np.ascontiguousarray(values.T)
 
 
 def collocation(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int = 0) -> sparse.csr_matrix:
