@@ -12,45 +12,22 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-# Files whose tests fit organs to have some surface: the finer net, which takes most of the time, is not their subject.
-_ANY_SURFACE = ("test_mrml_", "test_panel", "test_cli_errors", "test_export_cli", "test_compare_cli", "test_pictures")
-_OWN_NET = ("test_mrml_fit", "test_mrml_bundle")
-
-
-# Tests that take long and have shorter siblings; they run where this variable is set.
+# Tests that take long and have shorter siblings are marked as long; they run where this variable is set.
 _LONG_VARIABLE = "VICREGISTRATION_LONG_TESTS"
-_LONG = (
-    "test_benchmark.py::test_energies_of_both_problems_are_told",
-    "test_benchmark.py::test_random_organs_are_meshed_and_counted",
-    "test_benchmark.py::test_a_correction_is_timed_against_the_fit",
-    "test_bent_model.py::test_bent_organs_are_fitted_as_well_as_straight_ones[180]",
-    "test_bent_model.py::test_the_tube_lies_along_the_organ[paper",
-    "test_cli_errors.py::test_a_name_that_looks_like_a_formula_is_drawn_as_it_is",
-    "test_gaps.py::test_overlapping_balls_have_a_lens_in_common[49.5",
-    "test_mesh_organs.py::test_the_demo_organs_are_meshed_well[rectum",
-    "test_mesh_organs.py::test_the_demo_organs_are_meshed_well[vagina",
-    "test_organ.py::test_a_large_net_fits_too",
-    "test_report_html.py::test_without_pictures_there_is_no_page_and_no_old_one",
-    "test_step_meshers.py::test_an_assembly_is_read_and_meshed[netgen",
-)
 
 
 def pytest_collection_modifyitems(items):
     """Skip what takes long unless it is asked for."""
     if os.environ.get(_LONG_VARIABLE):
         return
-    reason = pytest.mark.skip(reason=f"takes long; set {_LONG_VARIABLE}=1 to run it")
     for item in items:
-        if item.nodeid.rpartition("/")[2].startswith(_LONG):
-            item.add_marker(reason)
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.skip(reason=f"takes long; set {_LONG_VARIABLE}=1 to run it"))
 
 
-@pytest.fixture(autouse=True)
-def coarser_net(request, monkeypatch):
-    """Leave out the finer net where any surface does."""
-    module = request.module.__name__
-    if not module.startswith(_ANY_SURFACE) or module.startswith(_OWN_NET):
-        return
+@pytest.fixture
+def one_net(monkeypatch):
+    """Fit without trying a finer net, for tests where any surface does: that takes most of the time."""
     from VICRegistrationLib.registration import automatic
 
     def finer(plan, scaled, found, options, anchor):

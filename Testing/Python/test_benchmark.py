@@ -236,6 +236,7 @@ def test_the_report_starts_with_the_machine(modules, monkeypatch, capsys):
     assert "quick is True" in printed
 
 
+@pytest.mark.long
 def test_random_organs_are_meshed_and_counted(modules):
     gmsh_or_skip()
     assert "2 random valid organs at 5 mm: 2 meshed, 0 failed" in modules["meshes"]._random(2)
@@ -246,6 +247,7 @@ def test_every_title_has_a_report_and_the_other_way_round(modules):
     assert set(modules["run"].LONG) < set(modules["run"].TITLES)
 
 
+@pytest.mark.long
 def test_a_correction_is_timed_against_the_fit(modules, image, scene):
     from VICRegistrationLib.registration.organ import finish, fit_region
 
@@ -259,6 +261,7 @@ def test_a_preview_is_timed_against_labelling(modules, image, scene):
     assert {name: len(times) for name, times in seconds.items()} == {"preview": 2, "label": 2}
 
 
+@pytest.mark.long
 def test_energies_of_both_problems_are_told(modules):
     gmsh_or_skip()
     pytest.importorskip("skfem", reason="scikit-fem is not installed")

@@ -51,7 +51,7 @@ def test_frames_do_not_turn_about_the_axis():
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 250])
-@pytest.mark.parametrize("closure", ["smooth", "paper"])
+@pytest.mark.parametrize("closure", ["smooth", pytest.param("paper", marks=pytest.mark.long)])
 def test_the_tube_lies_along_the_organ(degrees, closure):
     tube = bent_tube(degrees)
     image, mask = tube.image, tube.mask
@@ -86,7 +86,7 @@ def test_specks_have_no_axis():
     assert bent_axis(Image(distance, image.ijk_to_ras)) is None
 
 
-@pytest.mark.parametrize("degrees", [100, 180, 250])
+@pytest.mark.parametrize("degrees", [100, pytest.param(180, marks=pytest.mark.long), 250])
 def test_bent_organs_are_fitted_as_well_as_straight_ones(degrees):
     tube = bent_tube(degrees)
     image, mask = tube.image, tube.mask

@@ -21,6 +21,8 @@ from VICRegistrationLib.cli.process import silenced_stderr
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 ORGAN = ("--organ", "bladder", "--seed", SEED)
 
 
@@ -429,6 +431,7 @@ def test_readers_written_in_c_do_not_add_lines(tmp_path, output, capfd):
     assert len(capfd.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path):
     words = [
         "fit",

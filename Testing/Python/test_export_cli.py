@@ -19,6 +19,8 @@ from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.reading import write_image
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 def export(*words):
     return cli.main(["export", *map(str, words)])

@@ -71,7 +71,7 @@ def test_no_place_is_nearer_than_the_gap():
     assert near[1:].min() > near[0] - 1e-7
 
 
-@pytest.mark.parametrize(("distance", "tolerance"), [(40.0, 0.01), (49.5, 0.015)])
+@pytest.mark.parametrize(("distance", "tolerance"), [(40.0, 0.01), pytest.param(49.5, 0.015, marks=pytest.mark.long)])
 def test_overlapping_balls_have_a_lens_in_common(distance, tolerance):
     found = gap(ball(30.0), ball(20.0, distance * DIRECTION))
     known = lens(30.0, 20.0, distance)

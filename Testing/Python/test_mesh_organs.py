@@ -40,7 +40,9 @@ def boundary(mesh):
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("size", [5.0, 3.0])
-@pytest.mark.parametrize("name", ORGANS)
+@pytest.mark.parametrize(
+    "name", [name if name == "bladder" else pytest.param(name, marks=pytest.mark.long) for name in ORGANS]
+)
 def test_the_demo_organs_are_meshed_well(name, size, order):
     mesh = mesh_organs([Solid(name, ORGANS[name])], MeshOptions(size=size, order=order))
     report = quality(mesh)

@@ -11,6 +11,8 @@ from small_phantom import CENTER
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 @pytest.fixture
 def refused(logic, scene):

@@ -21,6 +21,8 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 from VICRegistrationLib.geometry.triangulation import triangulate
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 def test_the_surface_is_coloured_with_one_range_on_both_sides_and_a_legend(logic, organ):
     logic.compare(organ, surface_model(larger(0.0, shift=(3.0, 0.0, 0.0))))

@@ -22,6 +22,8 @@ from small_phantom import ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 @pytest.fixture(scope="module")
 def measured():

@@ -13,6 +13,8 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 @pytest.fixture
 def fitted(logic):

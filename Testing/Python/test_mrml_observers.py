@@ -10,6 +10,8 @@ import pytest
 from mrml_scenes import slicer
 from small_phantom import CENTER
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 def observers(scene):
     """Observers of the scene and of each of its nodes, by ID."""

@@ -9,6 +9,8 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 @pytest.fixture
 def organs(logic):

@@ -12,6 +12,8 @@ from small_phantom import CENTER, ellipsoid
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 # Asked for: a point 5 mm off the edge pulls the surface to within 0.5 mm of it.
 PULLED_MM = 0.5
 # The phantom's end of the first half axis, 14 mm to the right of the centre, and a point 5 mm outside of it.

@@ -14,6 +14,8 @@ from small_phantom import CENTER
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.separation import separate
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 
 @pytest.fixture
 def separated(slicer_module):

@@ -14,6 +14,8 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.phantom import volume_fractions
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 NEAR_MM = 0.25
 
 

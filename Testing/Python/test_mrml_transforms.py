@@ -11,6 +11,8 @@ from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.deviation import deviation
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 # The phantom has slices of 3 mm and noise: so near is the fit to the truth without any transform.
 NEAR_MM = 0.25

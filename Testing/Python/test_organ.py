@@ -137,6 +137,7 @@ def test_the_surface_does_not_depend_on_the_scale_of_the_grey_levels(image, fact
     assert found.cost_final == pytest.approx(expected.cost_final, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_large_net_fits_too(image):
     # One iteration for each stage: going on to the end takes several times as long and changes 0.003 mm.
     found = fitted(image, net=(49, 37), max_iterations=1)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 
 

@@ -26,6 +26,8 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.organ import finish, fit_organ, refit
 
+pytestmark = pytest.mark.usefixtures("one_net")
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -349,6 +349,7 @@ def test_options_that_were_given_are_told_apart(written):
     assert origins == ["automatic", "as given"]
 
 
+@pytest.mark.long
 def test_without_pictures_there_is_no_page_and_no_old_one(folder, tmp_path):
     words = ["fit", str(folder / "mri.nii.gz"), "--organ", "bladder", "--seed", SEED, "--quiet"]
     assert cli.main([*words, "--output", str(tmp_path)]) == 0

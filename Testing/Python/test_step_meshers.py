@@ -64,7 +64,9 @@ def reading(script, package, path):
 
 
 @pytest.mark.parametrize("faces", [1, 4])
-@pytest.mark.parametrize(("package", "script"), [("gmsh", GMSH), ("netgen", NETGEN)])
+@pytest.mark.parametrize(
+    ("package", "script"), [("gmsh", GMSH), pytest.param("netgen", NETGEN, marks=pytest.mark.long)]
+)
 def test_an_assembly_is_read_and_meshed(tmp_path, package, script, faces):
     organs = pelvic_organs()
     write_step([Solid(name, surface) for name, surface in organs.items()], tmp_path / "a.step", faces=faces)
