@@ -33,7 +33,7 @@ _MISFIT_SHARE = 0.75
 # Neighbours whose residuals count, as a share of the parameter range.
 _NEIGHBOURS = 0.04
 # The surface as a whole lies off by this part of a pixel, however many voxels it passes: seen on phantoms.
-_COMMON_PIXELS = 0.05
+_COMMON_PIXELS = 0.08
 # Mean squared residual, in units of the squared contrast, at which the image looks like no edge.
 _NO_EDGE = 0.5
 # A place with less support than this follows no edge.
