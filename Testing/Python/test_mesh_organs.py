@@ -38,8 +38,15 @@ def boundary(mesh):
     return {tuple(sorted(face)) for face in faces[second < 0].tolist()}
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("size", [5.0, 3.0])
+@pytest.mark.parametrize(
+    ("size", "order"),
+    [
+        (3.0, 1),
+        (5.0, 2),
+        pytest.param(5.0, 1, marks=pytest.mark.long),
+        pytest.param(3.0, 2, marks=pytest.mark.long),
+    ],
+)
 @pytest.mark.parametrize(
     "name", [name if name == "bladder" else pytest.param(name, marks=pytest.mark.long) for name in ORGANS]
 )
@@ -59,7 +66,7 @@ def test_the_demo_organs_are_meshed_well(name, size, order):
     np.testing.assert_allclose(closest_points(ORGANS[name], mesh.points[nodes]).distances, 0.0, atol=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 3, 5, 9, 17, 20])
+@pytest.mark.parametrize("seed", [1, 3, 5, *(pytest.param(seed, marks=pytest.mark.long) for seed in (9, 17, 20))])
 def test_organs_of_random_shape_are_meshed(seed):
     """Six of the 200 that were tried: those with the sharpest bends, and those that need several ways."""
     surface = random_organ(seed)
@@ -150,7 +157,7 @@ def test_an_organ_inside_of_one_named_before_it_is_refused_and_meshed_the_other_
     assert quality(mesh).volume == pytest.approx(outer.surface.volume(), rel=0.03)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_netgen_meshes_too(order):
     pytest.importorskip("netgen.occ", reason="Netgen is not installed", exc_type=ImportError)
     organs = [ball(0.0, 15.0, "one"), ball(28.0, 15.0, "two")]

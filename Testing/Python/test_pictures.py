@@ -130,7 +130,7 @@ def test_pictures_are_written(tmp_path, image, fit):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "organ.png"]
 
 
-@pytest.mark.parametrize("name", ["_$_$", "$\\frac$", "x_$x^$", "膀胱", "_"])
+@pytest.mark.parametrize("name", ["_$\\frac$", "膀胱"])
 def test_any_name_can_be_drawn(tmp_path, image, fit, name):
     pictures.organ_picture(tmp_path / "organ.png", image, fit, name)
     pictures.overview_picture(tmp_path / "all.png", image, {name: fit, "$": fit})

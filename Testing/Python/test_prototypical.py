@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 
@@ -17,16 +19,16 @@ NAMES = list(BY_NAME)
 R_BOUND, T_BOUND = 0.002, 0.03
 
 
-@pytest.fixture(scope="module")
-def images():
-    """The two images of the paper; the fine one takes most of this file's time."""
-    return {n: prototypical.prototypical_image(n) for n in (100, 200)}
+# The fine image of the paper takes most of this file's time.
+RESOLUTIONS = (100, pytest.param(200, marks=pytest.mark.long))
+
+image_of = lru_cache(prototypical.prototypical_image)
 
 
-@pytest.fixture(scope="module")
-def found(images):
-    """Values of the free parameters at the end and the history, keyed by resolution and test."""
-    return {(n, test.name): prototypical.run_test(test, image) for n, image in images.items() for test in TESTS}
+@lru_cache
+def found(n, name):
+    """Values of the free parameters at the end and the history, for a resolution and a test."""
+    return prototypical.run_test(BY_NAME[name], image_of(n))
 
 
 def errors(test, values):
@@ -52,34 +54,35 @@ def test_the_free_parameters_are_those_of_the_paper():
     assert all(len(test.free) == len(test.paper_errors) for test in TESTS)
 
 
-@pytest.mark.parametrize("n", [100, 200])
+@pytest.mark.parametrize("n", RESOLUTIONS)
 @pytest.mark.parametrize("name", NAMES)
-def test_every_free_parameter_is_found(found, n, name):
-    values, history = found[n, name]
+def test_every_free_parameter_is_found(n, name):
+    values, history = found(n, name)
     assert (errors(BY_NAME[name], values) <= 1.0).all()
     assert history[-1].converged
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_gradient_descent_finds_the_same(images, found, name):
-    values, history = prototypical.run_test(BY_NAME[name], images[100], solver="gradient-descent")
+def test_gradient_descent_finds_the_same(name):
+    values, history = prototypical.run_test(BY_NAME[name], image_of(100), solver="gradient-descent")
     assert (errors(BY_NAME[name], values) <= 1.0).all()
     assert history[-1].converged
     # Both stop when parameters change by less than 1e-4; gradient descent may still be a few such steps away.
-    np.testing.assert_allclose(values, found[100, name][0], atol=1e-3)
+    np.testing.assert_allclose(values, found(100, name)[0], atol=1e-3)
     # The paper's optimiser is the slower one.
-    assert len(history) > len(found[100, name][1])
+    assert len(history) > len(found(100, name)[1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
-def test_the_resolution_changes_little(found, name):
+def test_the_resolution_changes_little(name):
     # The paper: "about 1e-3"; for translations that is 1e-3 mm.
-    np.testing.assert_allclose(found[100, name][0], found[200, name][0], atol=1e-3)
+    np.testing.assert_allclose(found(100, name)[0], found(200, name)[0], atol=1e-3)
 
 
-@pytest.mark.parametrize("n", [100, 200])
-def test_the_image_is_one_inside_and_zero_outside_over_a_ramp_of_six_millimetres(images, n):
-    sampler = Sampler(images[n], order="cubic")
+@pytest.mark.parametrize("n", RESOLUTIONS)
+def test_the_image_is_one_inside_and_zero_outside_over_a_ramp_of_six_millimetres(n):
+    sampler = Sampler(image_of(n), order="cubic")
     bell = models.bell(BELL_MM)
     u, v = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 1.0, 40), np.linspace(0.05, 0.9, 30)))
     points, normals = bell.points(u, v), bell.normals(u, v)
@@ -98,9 +101,9 @@ def test_the_image_is_one_inside_and_zero_outside_over_a_ramp_of_six_millimetres
     np.testing.assert_allclose(level(half / 2.0), 0.5 - 0.5 * np.sqrt(0.5), atol=0.03)
 
 
-@pytest.mark.parametrize("n", [100, 200])
-def test_the_image_covers_the_hundred_millimetres_about_the_origin(images, n):
-    image = images[n]
+@pytest.mark.parametrize("n", RESOLUTIONS)
+def test_the_image_covers_the_hundred_millimetres_about_the_origin(n):
+    image = image_of(n)
     assert image.array.shape == (n, n, n)
     np.testing.assert_allclose(image.spacing, 100.0 / n)
     np.testing.assert_allclose(image.to_ras([[-0.5] * 3, [n - 0.5] * 3]), [[-50.0] * 3, [50.0] * 3], atol=1e-12)

@@ -336,6 +336,7 @@ def test_all_files_that_the_page_names_are_there(written, folder):
     last = named[named.index("Files beside this report") :]
     told = {name for word in last for name in word.split(", ") if name in files}
     assert told == files - {"report.html"}
+    assert "overview.png" in told
 
 
 def test_the_page_stays_small(written):
