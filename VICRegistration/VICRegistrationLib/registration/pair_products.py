@@ -46,18 +46,23 @@ class PairProducts:
         """
         functions = sparse.csr_matrix(functions)
         functions.eliminate_zeros()
+        functions.sort_indices()
+        n_samples, n = functions.shape
         count = np.diff(functions.indptr)
-        sample = np.repeat(np.arange(len(count)), count**2)
-        within = np.arange(len(sample)) - np.repeat(np.cumsum(count**2) - count**2, count**2)
-        first, second = (functions.indptr[sample] + part for part in np.divmod(within, count[sample]))
-        once = functions.indices[first] <= functions.indices[second]
-        first, second, sample = first[once], second[once], sample[once]
-        n = functions.shape[1]
-        pair = functions.indices[first].astype(np.int64) * n + functions.indices[second]
-        pairs, place = np.unique(pair, return_inverse=True)
-        values = functions.data[first] * functions.data[second]
-        products = sparse.csr_matrix((values, (place, sample)), shape=(len(pairs), len(count)))
-        return cls(n, *np.divmod(pairs, n), products)
+        pairs, samples, values = [], [], []
+        # Samples with equally many functions are done at once.
+        for number in np.unique(count):
+            here = np.flatnonzero(count == number)
+            first, second = (functions.indptr[here][:, None] + part for part in np.triu_indices(number))
+            pairs.append((functions.indices[first] * np.int64(n) + functions.indices[second]).ravel())
+            samples.append(np.repeat(here.astype(np.int32), first.shape[1]))
+            values.append((functions.data[first] * functions.data[second]).ravel())
+        place = np.concatenate(pairs), np.concatenate(samples)
+        products = sparse.csr_matrix((np.concatenate(values), place), shape=(n * n, n_samples))
+        there = np.flatnonzero(np.diff(products.indptr))
+        ends = np.append(products.indptr[there], products.nnz)
+        shape = (len(there), n_samples)
+        return cls(n, *np.divmod(there, n), sparse.csr_matrix((products.data, products.indices, ends), shape=shape))
 
     def forms(self, weights: np.ndarray, *, dense: bool) -> list:
         """Sum up the products, weighted.
