@@ -17,7 +17,6 @@ from VICRegistrationLib.imaging.separation import region_from_box, separate
 from VICRegistrationLib.registration.automatic import noise_share
 from VICRegistrationLib.registration.edge_width import edge_width
 from VICRegistrationLib.registration.leash import astray
-from VICRegistrationLib.registration.nets import halved
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region, refit
 
 
@@ -78,14 +77,6 @@ def test_what_is_asked_for_is_done(image):
     assert fit.options == replace(fit.options, net=(9, 7), tau=2.5, smoothness=1e-4)
     assert {choice.reason for choice in fit.choices} == {"as asked for"}
     assert not [step for step in fit.history if "finer net" in step.stage]
-
-
-def test_a_finer_net_is_the_same_surface():
-    coarse = ellipsoid()
-    fine = halved(coarse)
-    u, v = np.linspace(0.01, 0.99, 40), np.linspace(0.02, 0.98, 40)
-    np.testing.assert_allclose(fine.points(u, v), coarse.points(u, v), atol=1e-12)
-    assert fine.control_net.shape == (19, 11, 3)
 
 
 def test_the_finer_net_keeps_the_smooth_closure(dented):

@@ -19,7 +19,7 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .edge_width import PROFILE_PIXELS, edge_width
-from .nets import halved, net_of
+from .nets import net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
 from .sample_grid import SampleGrid
@@ -115,7 +115,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     choices = (Choice("net", f"{net[0]}x{net[1]}", why), *choices)
     if net != net_of(model, options.closure):
         closed, grid = machinery(net_of(model, options.closure), options.closure, 1)
-        model = halved(model)
+        model = model.refined()
     cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
     return Outcome(replace(chosen, net=net), choices, cost)
 
@@ -183,7 +183,7 @@ def _finer(
     plan: Plan, scaled: BSplineSurface, found: Step, options: FitOptions, anchor: float
 ) -> Generator[Step, None, tuple[Step, str]]:
     """Fit again with a finer net from the scaled model on; the better one of both, and why it is."""
-    start = halved(scaled)
+    start = scaled.refined()
     net = net_of(start, options.closure)
     closed, grid = machinery(options.net, options.closure, 1)
     _, region = plan.region_stages(options)
@@ -192,7 +192,7 @@ def _finer(
     for stage in (region, coarse, fine):
         step = yield from _last(replace(stage, name=f"{stage.name}, finer net"), closed.at(step.surface), grid)
     judge = fine.correlation(closed.at(step.surface), grid)
-    before, after = (cost_of(surface, judge) for surface in (halved(found.surface), step.surface))
+    before, after = (cost_of(surface, judge) for surface in (found.surface.refined(), step.surface))
     fewer = machinery(options.net, options.closure)[0].n_dof
     explained = noise_share(closed.n_dof - fewer, step.surface.area() * options.tau, plan.voxel)
     gained = (

@@ -52,15 +52,6 @@ def closure_of(surface: BSplineSurface) -> str:
     return "smooth" if np.abs(nearest - surface.control_net).max() <= 1e-6 * surface.size else "paper"
 
 
-def halved(surface: BSplineSurface) -> BSplineSurface:
-    """Make the net finer by a knot in the middle of every span, without changing the surface."""
-    u, v = (
-        (limits[1:] + limits[:-1]) / 2.0
-        for limits in map(bspline.span_limits, surface.degrees, (surface.knots_u, surface.knots_v))
-    )
-    return surface.insert_knots(u=u, v=v)
-
-
 def refined(surface: BSplineSurface, span: float, *, closure: str) -> BSplineSurface:
     """Make the net of a surface finer, until its spans are at most so long.
 

@@ -17,7 +17,7 @@ from ..imaging.sampling import Sampler
 from ..imaging.separation import Region
 from .leash import astray
 from .levels import PROBE_DEPTHS, Levels
-from .nets import grid_shape, halved, net_of
+from .nets import grid_shape, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
 from .sample_grid import SampleGrid
@@ -57,7 +57,7 @@ def machinery(net: tuple[int, int], closure: str, halvings: int = 0) -> tuple[Pa
     """
     model = models.closed_organ(net, closure=closure)
     for _ in range(halvings):
-        model = halved(model)
+        model = model.refined()
     grid = SampleGrid.on(model, grid_shape(net_of(model, closure)))
     return closed_organ_parametrization(model, closure=closure), grid
 
