@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import random_organs
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.geometry import models, parametrization
-from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import paint, volume_fractions
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.imaging.separation import region_from_box, separate
 from VICRegistrationLib.registration.automatic import noise_share
@@ -32,15 +31,9 @@ def choices(fit):
 # ------------------------------------------------------------------ the net
 
 
-def painted(surface, *, noise=10.0, level=800.0, seed=0):
+def painted(surface, *, noise=10.0, seed=0):
     """An organ in even surroundings, pixels of 1.2 mm, slices of 3 mm."""
-    shape = (24, 60, 60)
-    matrix = np.diag([1.2, 1.2, 3.0, 1.0])
-    points = surface.control_net.reshape(-1, 3)
-    matrix[:3, 3] = points.mean(axis=0) - matrix[:3, :3] @ ((np.array(shape[::-1]) - 1) / 2.0)
-    mesh = triangulate(surface, chord_error=0.1)
-    grey = paint(np.full(shape, 200.0), [(volume_fractions(mesh.points, mesh.triangles, shape, matrix), level)])
-    return Image(grey + noise * np.random.default_rng(seed).standard_normal(shape), matrix)
+    return random_organs.painted(surface, spacing=(1.2, 1.2, 3.0), noise=noise, seed=seed)[0]
 
 
 @pytest.fixture(scope="module")

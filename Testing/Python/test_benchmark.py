@@ -27,6 +27,7 @@ def modules():
         import measuring
         import meshes
         import previews
+        import random_organs
         import robustness
         import run
         import scenes
@@ -36,7 +37,7 @@ def modules():
         import volumes
 
         parts = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
-        found = (accuracy, confidence, hippocampus, robustness, tubes, *parts)
+        found = (accuracy, confidence, hippocampus, random_organs, robustness, tubes, *parts)
         yield {module.__name__: module for module in found}
         for module in found:
             del sys.modules[module.__name__]
@@ -182,6 +183,12 @@ def test_confidence_is_told_for_every_organ_and_noise(modules, pelvis, monkeypat
 
 def test_hippocampi_are_left_out_where_there_are_none(modules, tmp_path):
     assert modules["hippocampus"].hippocampi(tmp_path) == []
+
+
+def test_random_shapes_are_painted_and_fitted(modules):
+    text = modules["random_organs"].report(quick=True)
+    assert "2 organs fitted, 2 of the surfaces valid." in text
+    assert float(re.search(r"worst +(0\.\d\d) ", text)[1]) < 0.15
 
 
 def test_a_bent_tube_is_told_from_both_starts(modules):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_organs import painted, random_organ
 from scipy.spatial import cKDTree
 from tubes import RADIUS_MM, bent_tube
 
@@ -11,8 +12,9 @@ from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
 from VICRegistrationLib.imaging.separation import region_from_mask, separate
-from VICRegistrationLib.registration.bent_model import bent_axis, bent_model
+from VICRegistrationLib.registration.bent_model import bent_axis, bent_model, start_model
 from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.plan import generic_model
 from VICRegistrationLib.registration.region_image import region_image
 
 
@@ -77,6 +79,30 @@ def test_the_demo_s_organs_need_no_tube(organ, pelvis):
     region = separate(pelvis.image, pelvis.seeds[organ])
     distance, _ = target(pelvis.image, region)
     assert bent_model(distance, (9, 7), "smooth") is None
+
+
+@pytest.mark.parametrize("seed", [1014, 1072])
+def test_eggs_are_left_to_the_ellipsoid(seed):
+    """Their axes are crooked, but tubes along them fold."""
+    surface = random_organ(seed)
+    image, seeds = painted(surface, seed=seed)
+    region = separate(image, seeds)
+    distance, frame = target(image, region)
+    assert bent_model(distance, (9, 7), "smooth") is not None
+    ellipsoid = generic_model(moments(region), (9, 7), "smooth")
+    assert start_model(distance, ellipsoid, (9, 7), "smooth") is ellipsoid
+    fit = finish(fit_region(image, region))
+    assert fit.problems == ()
+    assert deviation(fit.surface, surface, n_points=1000).mean < 0.15
+
+
+def test_a_bent_tube_is_nearer_than_the_ellipsoid():
+    tube = bent_tube(100)
+    region = region_from_mask(tube.image, tube.mask)
+    distance, _ = target(tube.image, region)
+    ellipsoid = generic_model(moments(region), (9, 7), "smooth")
+    start = start_model(distance, ellipsoid, (9, 7), "smooth")
+    np.testing.assert_array_equal(start.control_net, bent_model(distance, (9, 7), "smooth").control_net)
 
 
 def test_specks_have_no_axis():

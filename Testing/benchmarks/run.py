@@ -23,6 +23,7 @@ TITLES = {
     "robustness": "Seeds and grey levels moved at random",
     "confidence": "Errors against the standard deviations that fits tell",
     "tubes": "Long, bent organs",
+    "shapes": "Organs of random shape",
     "hippocampus": "Hippocampi in brain MRI, started from a box",
     "surface": "From a separated region to a surface",
     "separation": "Separating an organ in a large volume",
@@ -48,6 +49,7 @@ def reports() -> dict[str, Callable[..., str]]:
     import hippocampus
     import meshes
     import previews
+    import random_organs
     import robustness
     import simulations
     import surfaces
@@ -59,6 +61,7 @@ def reports() -> dict[str, Callable[..., str]]:
         "robustness": robustness.report,
         "confidence": confidence.report,
         "tubes": tubes.report,
+        "shapes": random_organs.report,
         "hippocampus": hippocampus.report,
         "surface": surfaces.report,
         "separation": volumes.separation_report,

@@ -16,6 +16,7 @@ from scipy.sparse import csgraph
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
+from ..imaging.sampling import Sampler
 from .plan import machinery
 
 # Slices across the axis.
@@ -25,6 +26,11 @@ _BENT = 0.8
 # An ellipsoid's sections shrink towards its poles; beyond this height they are not told by the measured ones.
 _HIGHEST = 0.75
 _SMOOTHING = 0.1
+# The tube is taken if it is nearer to the region than this share of what the ellipsoid is. Seen: 0.2 to 0.4 for bent
+# tubes, 1.1 to 2.5 for eggs and pears.
+_NEARER = 0.7
+# Where that is measured.
+_SAMPLES = (32, 20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +79,7 @@ def bent_model(distance: Image, net: tuple[int, int], closure: str) -> BSplineSu
     Returns
     -------
     BSplineSurface or None
-        In the frame of the image, poles at both ends; None if the region is not bent: an ellipsoid suits it better.
+        In the frame of the image, poles at both ends; None if the region is not bent.
     """
     axis = bent_axis(distance)
     if axis is None or axis.bend <= _BENT:
@@ -86,6 +92,38 @@ def bent_model(distance: Image, net: tuple[int, int], closure: str) -> BSplineSu
     )
     across = np.einsum("nab,nb->na", sections, sphere[:, :2])
     return _through(closed, grid.bases[0], points + np.einsum("nkb,nb->nk", frames, across))
+
+
+def start_model(distance: Image, ellipsoid: BSplineSurface, net: tuple[int, int], closure: str) -> BSplineSurface:
+    """Choose the generic model to start with: the ellipsoid, or a tube if the region is bent and much more like that.
+
+    Parameters
+    ----------
+    distance : Image
+        As for :func:`bent_model`.
+    ellipsoid : BSplineSurface
+        In the frame of the image.
+    net : (rows, columns)
+    closure : {"smooth", "paper"}
+
+    Returns
+    -------
+    BSplineSurface
+
+    Notes
+    -----
+    The axis of an egg is crooked too, but a tube along it is farther from the egg than an ellipsoid is.
+    """
+    tube = bent_model(distance, net, closure)
+    if tube is None or _misfit(distance, tube) > _NEARER * _misfit(distance, ellipsoid):
+        return ellipsoid
+    return tube
+
+
+def _misfit(distance: Image, model: BSplineSurface) -> float:
+    """Mean distance of a model from the region's boundary, mm; what lies outside of the image is as far as its rim."""
+    values, seen = Sampler(distance).values(model.points(*model.midpoints(*_SAMPLES)))
+    return float(np.where(seen, np.abs(values), distance.array.max()).mean())
 
 
 def _through(closed: Parametrization, basis: sparse.csr_matrix, points: np.ndarray) -> BSplineSurface:

@@ -24,7 +24,7 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
 from .automatic import Choice, chosen_beside, fit_in_frame, placed
-from .bent_model import bent_model
+from .bent_model import start_model
 from .boundary import checked_boundary_points
 from .confidence import Confidence, confidence_of
 from .correction import correct
@@ -171,7 +171,8 @@ def fit_region(
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
     plan = Plan.of(image, region, local_to_ras, options)
     net = options.net or models.DEFAULT_NET
-    model = bent_model(plan.target.distance, net, options.closure) or generic_model(pose, net, options.closure)
+    ellipsoid = generic_model(pose, net, options.closure)
+    model = start_model(plan.target.distance, ellipsoid, net, options.closure)
     history: list[Step] = []
     steps = fit_in_frame(plan, model, options)
     outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)
