@@ -296,6 +296,16 @@ def test_a_smaller_picture_keeps_white_greys_and_the_colour_of_a_thin_line(tmp_p
     assert np.abs(before - after).max() < 16
 
 
+def test_a_smaller_picture_keeps_rare_colours():
+    from PIL import Image as Picture
+
+    shade, hue = np.meshgrid(np.linspace(0.3, 1.0, 300), np.linspace(0.0, 1.0, 300))
+    pixels = (255.0 * shade[..., None] * np.stack([hue, 0.7 + 0.0 * hue, 1.0 - hue], axis=-1)).astype(np.uint8)
+    pixels[:3, :3] = (180, 0, 40)
+    after = np.asarray(Picture.open(io.BytesIO(indexed_png(pixels))).convert("RGB")).astype(int)
+    assert np.abs(after - pixels)[:3, :3].max() < 16
+
+
 # ------------------------------------------------------------------ the command
 
 

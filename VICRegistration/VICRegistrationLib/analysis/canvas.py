@@ -167,7 +167,10 @@ def indexed_png(pixels: np.ndarray) -> bytes:
     numbers = np.rint(pixels.mean(axis=2) * (_GREYS - 1) / 255.0).astype(np.uint8)
     colours = np.repeat(np.rint(np.linspace(0.0, 255.0, _GREYS)).astype(int), 3).tolist()
     if coloured.any():
-        reduced = Image.fromarray(pixels[coloured][None].astype(np.uint8)).quantize(256 - _GREYS)
+        # Rare colours stay what they are: they are the ends of a scale, which people look for.
+        reduced = Image.fromarray(pixels[coloured][None].astype(np.uint8)).quantize(
+            256 - _GREYS, method=Image.Quantize.MAXCOVERAGE
+        )
         numbers[coloured] = _GREYS + np.asarray(reduced)[0]
         colours += reduced.getpalette()[: 3 * (256 - _GREYS)]
     indexed = Image.fromarray(numbers)
