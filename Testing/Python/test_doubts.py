@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,22 @@ from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 def test_a_sound_fit_gives_no_warning():
     image = ellipsoid_image()
     assert warnings_about(image, finish(fit_region(image, separate(image, CENTER)))) == []
+
+
+def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
+    image = ellipsoid_image()
+    found = finish(fit_region(image, separate(image, CENTER)))
+    mask = found.region.mask
+    k, j, i = np.argwhere(mask)[np.argmax(np.argwhere(mask)[:, 0])]
+    # A tail of 2 x 2 voxels at the last slice, as long as the mask is deep.
+    tail = np.zeros((len(mask), *mask.shape[1:]), dtype=bool)
+    tail[:, j : j + 2, i : i + 2] = True
+    longer = replace(found, region=replace(found.region, mask=np.concatenate([mask, tail])))
+    (told,) = warnings_about(image, longer)
+    length = round(len(mask) * float(image.spacing[2]))
+    reach = int(re.search(r"reaches (\d+) mm beyond the surface", told)[1])
+    assert abs(reach - length) <= 4
+    assert f"at its {border_sides(image, replace(found.region, touches_border=('k+',)))[0]} side" in told
 
 
 def test_the_sides_of_the_border_are_those_of_the_patient():
