@@ -2,8 +2,9 @@
 
 - *tau* is the width of the edge in the image, measured across the surface after the first stage on the grey levels.
 - *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike.
-- *net*: all is fitted with 9x7 control points, then again from the region on with a knot more in every span. The finer
-  net is kept if it lowers the cost by more than the noise explains, and if its surface is a valid one.
+- *net*: all is fitted with 9x7 control points, then again from the scaled model on with a knot more in every span:
+  points of a coarse net that was fitted have slid, and a finer one made of it would keep that. The finer net is kept if
+  it lowers the cost by more than the noise explains, and if its surface is a valid one.
 - A surface that folds or goes far away from the region is fitted again, held tighter to it.
 """
 
