@@ -12,6 +12,7 @@ from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
 from VICRegistrationLib.imaging.separation import region_from_mask, separate
+from VICRegistrationLib.registration import bent_model as bent_model_module
 from VICRegistrationLib.registration.bent_model import bent_axis, bent_model, start_model
 from VICRegistrationLib.registration.organ import finish, fit_region
 from VICRegistrationLib.registration.plan import generic_model
@@ -39,6 +40,18 @@ def test_the_axis_of_a_bent_organ_is_found(degrees):
     assert axis.bend > 1.5
     widths = np.sqrt(np.abs(np.linalg.det(axis.sections)))[np.abs(axis.places) < 0.3]
     assert widths == pytest.approx(RADIUS_MM, rel=0.2)
+
+
+def test_splines_are_asked_for_one_coordinate_at_a_time(monkeypatch):
+    """Slicer 5.8 has a scipy whose splines take no more."""
+    tube = bent_tube(90)
+    asked = []
+    spline = bent_model_module.make_smoothing_spline
+    monkeypatch.setattr(
+        bent_model_module, "make_smoothing_spline", lambda x, y, **more: asked.append(y.ndim) or spline(x, y, **more)
+    )
+    assert bent_axis(target(tube.image, region_from_mask(tube.image, tube.mask))[0]) is not None
+    assert asked == [1, 1, 1]
 
 
 def test_frames_do_not_turn_about_the_axis():

@@ -162,9 +162,10 @@ def bent_axis(distance: Image) -> BentAxis | None:
         return None
     centers = np.stack([np.bincount(number, points[:, a], _SLICES) / count for a in range(3)], axis=1)
     places = np.linspace(-1.0, 1.0, 2 * _SLICES + 1)
-    line = make_smoothing_spline(middles, centers, lam=_SMOOTHING / _SLICES**2)
-    curve = line(places)
-    frames = _frames(line.derivative()(places))
+    # One coordinate at a time: older versions of scipy take no more.
+    lines = [make_smoothing_spline(middles, along, lam=_SMOOTHING / _SLICES**2) for along in centers.T]
+    curve = np.stack([line(places) for line in lines], axis=1)
+    frames = _frames(np.stack([line.derivative()(places) for line in lines], axis=1))
     own = np.abs(place[:, None] - places).argmin(axis=1)
     across = np.einsum("nk,nkb->nb", points - curve[own], frames[own])
     moments = np.stack(
