@@ -18,7 +18,7 @@ CMAKE = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SOURCES = sorted(path for path in MODULE.rglob("*.py") if "__pycache__" not in path.parts)
 # Made by tools, and not in a clone.
-NOT_CLONED = {".git", ".venv", "build", "dist", "__pycache__", ".pytest_cache", ".ruff_cache"}
+NOT_CLONED = {".git", ".venv", ".venv-oldest", "build", "dist", "__pycache__", ".pytest_cache", ".ruff_cache"}
 IN_SLICER = {"slicer", "qt", "ctk", "SampleData", "vtk", "vtkmodules", "numpy", "scipy", "SimpleITK"}
 NETWORK = {"ftplib", "http", "httpx", "requests", "socket", "urllib", "urllib3", "xmlrpc"}
 # Keys of the index's schema (version 1.0.1), and which of them are needed.
