@@ -9,6 +9,7 @@ from measuring import interleaved_seconds, ratio, table
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
+from VICRegistrationLib.imaging.boxes import ball_radius
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.boundary import boundary_deviations
@@ -64,9 +65,8 @@ def pull(image: Image, fit: OrganFit, place: tuple[float, float], height: float)
     point = off(fit.surface, [place], [height])
     found = finish(refit(image, fit.surface, fit.options, boundary_points=point))
     points, heights = moved(fit.surface, found.surface)
-    radius = (3.0 * fit.surface.volume() / (4.0 * np.pi)) ** (1.0 / 3.0)
     nearest = closest_points(fit.surface, point)
-    far = np.linalg.norm(points - nearest.points, axis=1) > 0.5 * radius
+    far = np.linalg.norm(points - nearest.points, axis=1) > 0.5 * ball_radius(fit.surface.volume())
     return Pull(
         left=float(abs(boundary_deviations(found.surface, point)[0])),
         opposite=float((-np.sign(height) * heights).max()),

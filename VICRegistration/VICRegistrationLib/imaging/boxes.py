@@ -1,4 +1,4 @@
-"""Boxes of voxels: that of a mask, that of a ball, and the pieces of a mask."""
+"""Boxes of voxels: that of a mask, that of a ball, and the pieces of a mask; the ball of a volume."""
 
 from __future__ import annotations
 
@@ -30,3 +30,8 @@ def pieces(mask):
     """Count the components of a mask that is not empty."""
     first, last = bounds(mask)
     return ndimage.label(mask[tuple(map(slice, first, last))])[1]
+
+
+def ball_radius(volume: float) -> float:
+    """Radius of the ball of a volume, mm for mm^3; the sign that tells a surface is inside out does not count."""
+    return (3.0 * abs(float(volume)) / (4.0 * np.pi)) ** (1.0 / 3.0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .boxes import ball_radius
 from .edges import Edges
 from .image import Image
 from .threshold import FEWEST_ON_SIDE, threshold_between
@@ -72,7 +73,7 @@ class Limits:
         """
         low, high = threshold_between(edges)
         places, offsets = edges.points[edges.found], _offsets(edges, low, high)
-        reach = _REACH * float(3.0 * edges.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        reach = _REACH * ball_radius(edges.volume)
         step = reach / image.spacing
         low_end, high_end = np.quantile(image.to_ijk(places), [_ASTRAY, 1.0 - _ASTRAY], axis=0)
         # About the middle of the organ, so that a flipped copy of the volume has the same nodes.

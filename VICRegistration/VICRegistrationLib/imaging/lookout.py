@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .boxes import ball_box
+from .boxes import ball_box, ball_radius
 from .edges import find_edges, joined
 from .limits import Limits
 from .region_checks import place
@@ -35,7 +35,7 @@ def looked_around(image, seeds, given):
     if np.any(settled != seeds):
         edges = find_edges(image, settled)
     for _ in range(_ROUNDS):
-        radius = (3.0 * edges.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        radius = ball_radius(edges.volume)
         away = np.linalg.norm(edges.halves[:, None] - edges.seeds, axis=2).min(axis=1)
         others = edges.halves[(away > _OFF_SEEDS * radius) & _held(image, limits, edges.halves)]
         if not len(others):

@@ -30,6 +30,7 @@ from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.projection import Projection, closest_points
 from ..geometry.surface import BSplineSurface
+from ..imaging.boxes import ball_radius
 from .boundary import check_distances
 from .correlation import Correlation, Frame
 from .nets import grid_shape, net_of, refined
@@ -94,8 +95,7 @@ def correct(
     """
     feet = closest_points(surface, points)
     check_distances(points, feet.distances)
-    radius = (3.0 * abs(surface.volume()) / (4.0 * np.pi)) ** (1.0 / 3.0)
-    reach = np.maximum(_REACH_RADII * radius, _REACH_DEVIATIONS * np.abs(feet.distances))
+    reach = np.maximum(_REACH_RADII * ball_radius(surface.volume()), _REACH_DEVIATIONS * np.abs(feet.distances))
     met = np.abs(feet.distances).max() < _MET
     finer = surface if met else refined(surface, _SPAN * reach.min(), closure=closure)
     closed = closed_organ_parametrization(finer, closure=closure)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import ndimage
-from scipy.spatial import cKDTree
-
+from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
 from ..imaging.separation import Region
 from .organ import OrganFit
@@ -18,8 +15,6 @@ _LEAST_WITHOUT_EDGE = 0.02
 _LARGEST_CHANGE = 0.2
 # How far the region may reach beyond the surface, in radii of a ball of its volume. Seen: 0.1 where all is well.
 _LARGEST_REACH = 0.2
-# Points of the surface that the region is held against.
-_POINTS = (64, 48)
 
 
 def warnings_about(image: Image, fit: OrganFit) -> list[str]:
@@ -122,29 +117,14 @@ def _warnings_about_fit(fit: OrganFit) -> list[str]:
 
 def _warnings_about_reach(fit: OrganFit) -> list[str]:
     """Sentences about parts of the region that the surface leaves out: thin ones change the volume by little."""
-    surface, region = fit.surface, fit.region
-    points, normals = (part.reshape(-1, 3) for part in _points_and_normals(surface))
-    rim = region.mask & ~ndimage.binary_erosion(region.mask)
-    voxels = region.image.to_ras(np.argwhere(rim)[:, ::-1])
-    distances, nearest = cKDTree(points).query(voxels)
-    outside = np.einsum("nk,nk->n", voxels - points[nearest], normals[nearest]) > 0.0
-    reach = np.where(outside, distances, 0.0)
-    farthest = int(reach.argmax())
-    radius = (3.0 * abs(surface.volume()) / (4.0 * np.pi)) ** (1.0 / 3.0)
-    if reach[farthest] <= _LARGEST_REACH * radius:
+    reach, side = fit.left_out
+    if reach <= _LARGEST_REACH * ball_radius(fit.surface.volume()):
         return []
-    side = patient_side(voxels[farthest] - voxels.mean(axis=0))
     return [
-        f"The separated region reaches {reach[farthest]:.0f} mm beyond the surface at its {side} side: a thin part of "
-        "the organ that the surface does not follow, or a leak. Look at the contour there, and give a larger net if "
-        "the region is right, or another threshold or erosion if it is not."
+        f"The separated region reaches {reach:.0f} mm beyond the surface at its {side} side: a thin part of the organ "
+        "that the surface does not follow, or a leak. Look at the contour there, and place points on the wall if the "
+        "region is right, or give another threshold or erosion if it is not."
     ]
-
-
-def _points_and_normals(surface):
-    """Points of a surface and outward normals there, (n_u, n_v, 3) each, away from seam and poles."""
-    axes = [low + (high - low) * (np.arange(n) + 0.5) / n for (low, high), n in zip(surface.domain, _POINTS)]
-    return surface.grid(*axes), surface.grid_normals(*axes)
 
 
 def _warnings_about_support(fit: OrganFit) -> list[str]:

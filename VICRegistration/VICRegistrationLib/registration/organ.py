@@ -28,6 +28,7 @@ from .bent_model import start_model
 from .boundary import checked_boundary_points
 from .confidence import Confidence, confidence_of
 from .correction import correct
+from .leash import left_out
 from .nets import closure_of, grid_shape, net_of
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import Plan, generic_model, surface_stages
@@ -90,6 +91,11 @@ class OrganFit:
     def confidence(self) -> Confidence:
         """How sure the surface is, point by point."""
         return confidence_of(self.image, self.surface, self.options)
+
+    @cached_property
+    def left_out(self) -> tuple[float, str]:
+        """How far the region reaches beyond the surface, mm, and at which side; see :func:`.leash.left_out`."""
+        return (0.0, "") if self.region is None else left_out(self.surface, self.region)
 
     @property
     def iterations(self) -> int:
