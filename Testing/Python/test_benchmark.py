@@ -26,6 +26,7 @@ def modules():
         import hippocampus
         import measuring
         import meshes
+        import nets
         import previews
         import random_organs
         import robustness
@@ -37,7 +38,7 @@ def modules():
         import volumes
 
         parts = (bladders, boundaries, growth, measuring, meshes, previews, run, scenes, simulations, surfaces, volumes)
-        found = (accuracy, confidence, hippocampus, random_organs, robustness, tubes, *parts)
+        found = (accuracy, confidence, hippocampus, nets, random_organs, robustness, tubes, *parts)
         yield {module.__name__: module for module in found}
         for module in found:
             del sys.modules[module.__name__]
@@ -185,9 +186,17 @@ def test_hippocampi_are_left_out_where_there_are_none(modules, tmp_path):
     assert modules["hippocampus"].hippocampi(tmp_path) == []
 
 
+def test_each_net_is_measured(modules, pelvis, monkeypatch):
+    monkeypatch.setattr(modules["accuracy"], "pelvis_phantom", lambda: pelvis)
+    monkeypatch.setattr(modules["accuracy"], "N_POINTS", 500)
+    text = modules["nets"].report(quick=True)
+    coarse, fine = (float(re.search(rf" {net} +(0\.\d+) ", text)[1]) for net in ("9x7", "17x11"))
+    assert fine < coarse
+
+
 def test_random_shapes_are_painted_and_fitted(modules):
     text = modules["random_organs"].report(quick=True)
-    assert "2 organs fitted, 2 of the surfaces valid." in text
+    assert re.search(r"2 organs of \d+ to \d+ ml fitted, 2 of the surfaces valid\.", text)
     assert float(re.search(r"worst +(0\.\d\d) ", text)[1]) < 0.15
 
 

@@ -31,7 +31,7 @@ def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
     length = round(len(mask) * float(image.spacing[2]))
     reach = int(re.search(r"reaches (\d+) mm beyond the surface", told)[1])
     assert abs(reach - length) <= 4
-    # A larger net does not help: the wish for a smooth surface does not reach into thin parts, points do.
+    # A larger net leaves thin parts out as well.
     assert "place points on the wall" in told
     assert f"at its {border_sides(image, replace(found.region, touches_border=('k+',)))[0]} side" in told
 

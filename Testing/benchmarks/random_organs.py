@@ -59,7 +59,7 @@ def painted(
 
 def report(*, quick: bool) -> str:
     """Fit many organs of random shape with default options."""
-    rows, valid = [], 0
+    rows, volumes, valid = [], [], 0
     for seed in range(FIRST_SEED, FIRST_SEED + (2 if quick else N_ORGANS)):
         surface = random_organ(seed)
         if check_surface(surface):
@@ -68,6 +68,7 @@ def report(*, quick: bool) -> str:
         found = deviation(fit.surface, surface, n_points=2000)
         valid += not fit.problems
         rows.append([found.mean, found.p95, found.maximum])
+        volumes.append(surface.volume() / 1000.0)
     title = ["", "mean mm", "95 % mm", "largest mm"]
     values = np.array(rows)
     lines = [
@@ -77,5 +78,6 @@ def report(*, quick: bool) -> str:
     return (
         f"  Random shapes in voxels of {' x '.join(f'{step:g}' for step in SPACING)} mm, noise of "
         f"{NOISE / (INSIDE - OUTSIDE):.0%} of the contrast, one seed, default options.\n\n"
-        f"{table([title, *lines])}\n\n  {len(rows)} organs fitted, {valid} of the surfaces valid."
+        f"{table([title, *lines])}\n\n  {len(rows)} organs of {min(volumes):.0f} to {max(volumes):.0f} ml fitted, "
+        f"{valid} of the surfaces valid."
     )

@@ -20,6 +20,7 @@ THREADS = "OMP_NUM_THREADS"
 
 TITLES = {
     "accuracy": "Surfaces against truth and experts: fitted, smoothed triangles, the paper",
+    "nets": "Control nets of different sizes",
     "robustness": "Seeds and grey levels moved at random",
     "confidence": "Errors against the standard deviations that fits tell",
     "tubes": "Long, bent organs",
@@ -48,6 +49,7 @@ def reports() -> dict[str, Callable[..., str]]:
     import growth
     import hippocampus
     import meshes
+    import nets
     import previews
     import random_organs
     import robustness
@@ -58,6 +60,7 @@ def reports() -> dict[str, Callable[..., str]]:
 
     functions = {
         "accuracy": accuracy.report,
+        "nets": nets.report,
         "robustness": robustness.report,
         "confidence": confidence.report,
         "tubes": tubes.report,

@@ -44,7 +44,7 @@ class PairProducts:
         -------
         PairProducts
         """
-        functions = sparse.csr_matrix(functions)
+        functions = sparse.csr_matrix(functions, copy=True)
         functions.eliminate_zeros()
         functions.sort_indices()
         n_samples, n = functions.shape
