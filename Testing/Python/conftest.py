@@ -34,7 +34,7 @@ def one_net(monkeypatch):
         yield from ()
         return found, "no finer one was tried"
 
-    monkeypatch.setattr(automatic, "_finer", finer)
+    monkeypatch.setattr(automatic, "fit_finer", finer)
 
 
 @pytest.fixture(scope="session")

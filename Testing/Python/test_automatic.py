@@ -9,12 +9,13 @@ import pytest
 import random_organs
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
+from VICRegistrationLib.analysis.deviation import deviation
 from VICRegistrationLib.geometry import models, parametrization
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.imaging.separation import region_from_box, separate
-from VICRegistrationLib.registration.automatic import noise_share
 from VICRegistrationLib.registration.edge_width import edge_width
+from VICRegistrationLib.registration.finer_nets import noise_share
 from VICRegistrationLib.registration.leash import astray
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region, refit
 
@@ -36,16 +37,22 @@ def painted(surface, *, noise=10.0, seed=0):
     return random_organs.painted(surface, spacing=(1.2, 1.2, 3.0), noise=noise, seed=seed)[0]
 
 
+def with_dents(net, width):
+    """An organ with two dents of 6 mm, so wide where half as deep."""
+    model = models.closed_organ(net, axes=np.diag([20.0, 20.0, 24.0]))
+    points = model.control_net
+    push = np.zeros_like(points)
+    for place in ([20.0, 0.0, 6.0], [-14.0, -14.0, -6.0]):
+        near = 0.5 ** (np.square(points - place).sum(axis=-1, keepdims=True) / (width / 2.0) ** 2)
+        push -= 6.0 * near * np.array(place) / 22.0
+    smooth = parametrization.closed_organ(model)
+    return smooth.deform(smooth.fit(points + push))
+
+
 @pytest.fixture(scope="module")
 def dented():
-    """An organ with two dents that 9x7 control points cannot follow."""
-    model = models.closed_organ((17, 11), axes=np.diag([20.0, 20.0, 24.0]))
-    net = model.control_net
-    push = np.zeros_like(net)
-    for place in ([20.0, 0.0, 6.0], [-14.0, -14.0, -6.0]):
-        push -= 6.0 * np.exp(-np.square(net - place).sum(axis=-1, keepdims=True) / 60.0) * np.array(place) / 22.0
-    smooth = parametrization.closed_organ(model)
-    return smooth.deform(smooth.fit(net + push))
+    """An organ with dents that 9x7 control points cannot follow."""
+    return with_dents((17, 11), 13.0)
 
 
 def test_detail_makes_the_net_finer_and_the_reason_is_told(dented):
@@ -69,7 +76,7 @@ def test_what_is_asked_for_is_done(image):
     fit = finish(fit_organ(image, CENTER[None], FitOptions(net=(9, 7), tau=2.5, smoothness=1e-4)))
     assert fit.options == replace(fit.options, net=(9, 7), tau=2.5, smoothness=1e-4)
     assert {choice.reason for choice in fit.choices} == {"as asked for"}
-    assert not [step for step in fit.history if "finer net" in step.stage]
+    assert not [step for step in fit.history if "17x11" in step.stage]
 
 
 def test_the_finer_net_keeps_the_smooth_closure(dented):
@@ -78,6 +85,25 @@ def test_the_finer_net_keeps_the_smooth_closure(dented):
     again = finish(refit(painted(dented), fit.surface))
     assert again.options.closure == "smooth"
     assert again.options.net == (17, 11)
+
+
+def test_a_notch_in_thin_slices_makes_the_net_as_fine_as_it_needs():
+    notched = with_dents((33, 19), 7.0)
+    image = random_organs.painted(notched, spacing=(0.8, 0.8, 1.0), noise=10.0, seed=0)[0]
+    fit, coarser = (finish(fit_organ(image, [[0.0, 0.0, 0.0]], FitOptions(net=net))) for net in (None, (17, 11)))
+    assert fit.options.net == (33, 19)
+    assert choices(fit)["net"].reason.count("of which noise explains") == 2
+    assert fit.problems == ()
+    off, before = (deviation(found.surface, notched, n_points=3000) for found in (fit, coarser))
+    assert off.p95 < 0.5 * before.p95
+    assert off.maximum < 0.5 * before.maximum
+
+
+def test_in_noise_a_net_that_promises_too_little_is_not_tried(dented):
+    fit = finish(fit_organ(painted(dented, noise=40.0), [[0.0, 0.0, 0.0]]))
+    assert fit.options.net == (17, 11)
+    assert "33x19 promised" in choices(fit)["net"].reason
+    assert not [step for step in fit.history if "33x19" in step.stage]
 
 
 def test_noise_takes_a_share_of_the_cost():

@@ -15,7 +15,7 @@ from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ,
 
 SEED = CENTER[None]
 STAGES = ["global scaling", "region", "grey levels, coarse", "grey levels, fine"]
-FINER = [f"{name}, finer net" for name in STAGES[1:]]
+FINER = [f"{name}, 17x11" for name in STAGES[1:]]
 
 
 @pytest.fixture(scope="module")

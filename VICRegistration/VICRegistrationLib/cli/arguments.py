@@ -219,7 +219,7 @@ def _add_fit(subparsers) -> None:
         "--net",
         metavar="9x7",
         type=argument(values.net),
-        help="size of the control net (default: chosen, 9x7, or 17x11 where the image shows more shape)",
+        help="size of the control net (default: chosen, 9x7, 17x11 or 33x19, by how much shape the image shows)",
     )
     how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
     how.add_argument("--solver", choices=tuple(SOLVERS), help="default: gauss-newton; the paper's: gradient-descent")

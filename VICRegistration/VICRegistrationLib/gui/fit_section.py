@@ -10,8 +10,8 @@ from ..mrml.surfaces import isAlone, moveSurface
 from .runner import End, StepRunner
 
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
-# Stages of a fit with a given net, and of one that tries a finer net too.
-_STAGES, _STAGES_OF_BOTH_NETS = 4, 7
+# Stages of a fit with a given net, and of one that goes on to the finest net.
+_STAGES, _STAGES_OF_ALL_NETS = 4, 10
 
 
 class FitSection:
@@ -110,7 +110,7 @@ class FitSection:
 
     def _next(self):
         self._organ, steps, isRefit = self._queue.pop(0)
-        stages = _STAGES_OF_BOTH_NETS if self._organ.netAutomatic and not isRefit else _STAGES
+        stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
         self._progress, self._isNew = _Progress(stages), self._organ.surface is None
         self._showProgress(0)
         self._ui.fitStatusLabel.text = _("{organ}: separating").format(organ=self._organ.label)

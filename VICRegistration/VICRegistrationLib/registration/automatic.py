@@ -2,9 +2,8 @@
 
 - *tau* is the width of the edge in the image, measured across the surface after the first stage on the grey levels.
 - *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike.
-- *net*: all is fitted with 9x7 control points, then again from the scaled model on with a knot more in every span:
-  points of a coarse net that was fitted have slid, and a finer one made of it would keep that. The finer net is kept if
-  it lowers the cost by more than the noise explains, and if its surface is a valid one.
+- *net*: all is fitted with 9x7 control points, then again with finer nets while the image is worth them, see
+  :mod:`.finer_nets`.
 - A surface that folds or goes far away from the region is fitted again, held tighter to it.
 """
 
@@ -20,11 +19,12 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .edge_width import PROFILE_PIXELS, edge_width
+from .finer_nets import fit_finer
 from .nets import net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
 from .sample_grid import SampleGrid
-from .stages import Stage, Step, cost_of, run_stage
+from .stages import Step, cost_of, last_step
 
 # Smoothness for a mean squared residual of 1. Tried 1e-3 to 1.5e-2 on phantoms and real bladders: more takes the
 # wrinkles out of a net that is finer than the organ (normals of the vagina 8 to 4 degrees off), and then its folds.
@@ -33,8 +33,6 @@ _STIFFNESS_TO_START = 1e-5
 # Weight against leaving the separated region for a mean squared residual of 1: the less the image looks like an edge,
 # the more the region counts.
 _HOLD = 1.5
-# A finer net lowers the cost by at least so many times the share that more freedom takes off noise.
-_WORTH = 4.0
 # How much tighter the region holds a surface that goes astray without.
 _TIGHTER = (10.0, 100.0)
 _GIVEN = "as asked for"
@@ -92,31 +90,32 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     -------
     Outcome
     """
-    net = net_of(model, options.closure)
+    first = net = net_of(model, options.closure)
     closed, grid = machinery(net, options.closure)
     scaling, region = plan.region_stages(options)
-    scaled = yield from _last(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
-    near = yield from _last(region, closed.at(scaled.surface), grid)
+    scaled = yield from last_step(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
+    near = yield from last_step(region, closed.at(scaled.surface), grid)
     coarse, _ = plan.grey_level_stages(_to_start_with(options, plan.pixel))
-    caught = yield from _last(coarse, closed.at(near.surface), grid)
+    caught = yield from last_step(coarse, closed.at(near.surface), grid)
     chosen, choices = _chosen(plan, caught, options)
     anchor = _HOLD * caught.cost
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
-    found = yield from _last(fine, closed.at(caught.surface), grid)
+    found = yield from last_step(fine, closed.at(caught.surface), grid)
     lost = plan.astray(found.surface)
     if lost:
         found, held = yield from _held(plan, near, closed, grid, chosen, anchor, lost)
         choices = (*choices, held)
         why = "no finer one was tried, as the image holds not even this one"
     elif options.net is None:
-        found, why = yield from _finer(plan, scaled.surface, found, replace(chosen, net=net), anchor)
+        found, why = yield from fit_finer(plan, scaled.surface, found, replace(chosen, net=net), anchor)
     if options.net is not None:
         why = _GIVEN
     net = net_of(found.surface, options.closure)
     choices = (Choice("net", f"{net[0]}x{net[1]}", why), *choices)
-    if net != net_of(model, options.closure):
-        closed, grid = machinery(net_of(model, options.closure), options.closure, 1)
-        model = model.refined()
+    halvings = 0
+    while net_of(model, options.closure) != net:
+        model, halvings = model.refined(), halvings + 1
+    closed, grid = machinery(first, options.closure, halvings)
     cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
     return Outcome(replace(chosen, net=net), choices, cost)
 
@@ -180,34 +179,6 @@ def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: 
     return tau, f"the edge in the image is {width:.2f} mm wide, {width / pixel:.1f} pixels{held}"
 
 
-def _finer(
-    plan: Plan, scaled: BSplineSurface, found: Step, options: FitOptions, anchor: float
-) -> Generator[Step, None, tuple[Step, str]]:
-    """Fit again with a finer net from the scaled model on; the better one of both, and why it is."""
-    start = scaled.refined()
-    net = net_of(start, options.closure)
-    closed, grid = machinery(options.net, options.closure, 1)
-    _, region = plan.region_stages(options)
-    coarse, fine = plan.grey_level_stages(options, anchor=anchor)
-    step = Step("", 0, 0.0, 0.0, start)
-    for stage in (region, coarse, fine):
-        step = yield from _last(replace(stage, name=f"{stage.name}, finer net"), closed.at(step.surface), grid)
-    judge = fine.correlation(closed.at(step.surface), grid)
-    before, after = (cost_of(surface, judge) for surface in (found.surface.refined(), step.surface))
-    fewer = machinery(options.net, options.closure)[0].n_dof
-    explained = noise_share(closed.n_dof - fewer, step.surface.area() * options.tau, plan.voxel)
-    gained = (
-        f"with {net[0]}x{net[1]} the cost fell by {1.0 - after / before:.1%}, of which noise explains {explained:.1%}"
-    )
-    worth = 1.0 - after / before > _WORTH * explained
-    lost = plan.astray(step.surface) if worth else ""
-    if worth and not lost:
-        return step, gained
-    kept = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
-    yield kept
-    return kept, gained + (f", but {lost}" if lost else "")
-
-
 def _held(
     plan: Plan,
     near: Step,
@@ -223,40 +194,12 @@ def _held(
         tighter = replace(options, smoothness=factor * options.smoothness)
         for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
             name = f"{stage.name}, held {factor:g} times tighter"
-            step = yield from _last(replace(stage, name=name), closed.at(step.surface), grid)
+            step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
         if not plan.astray(step.surface):
             return step, Choice("hold on the region", f"{factor:g} times tighter", lost)
     kept = replace(near, stage="region kept", iteration=1, displacement=0.0)
     yield kept
     return kept, Choice("hold on the region", "the region's own surface", f"{lost}, however tightly it was held")
-
-
-def noise_share(n_dof: int, volume: float, voxel: np.ndarray) -> float:
-    """Share of the cost that so much more freedom takes off pure noise.
-
-    Parameters
-    ----------
-    n_dof : int
-        Degrees of freedom that are new; a third of them moves the surface along its normal.
-    volume : float
-        Of the band around the surface that is compared with the image, mm^3.
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
-
-    Returns
-    -------
-    float
-        Least squares: each one takes the part of one independent number off, and every voxel is one.
-    """
-    return n_dof / 3.0 * abs(np.linalg.det(voxel)) / volume
-
-
-def _last(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> Generator[Step, None, Step]:
-    """Run a stage, and return its last step."""
-    step = None
-    for step in run_stage(stage, parametrization, grid):
-        yield step
-    return step
 
 
 def placed(

@@ -25,8 +25,8 @@ class FitOptions:
     Parameters
     ----------
     net : (rows, columns), optional
-        Size of the control net in the paper's counting; if not given it is chosen, see :mod:`.automatic`: 9x7, or 17x11
-        where that lowers the cost by more than noise explains.
+        Size of the control net in the paper's counting; if not given it is chosen, see :mod:`.finer_nets`: 9x7, 17x11
+        or 33x19, the finest one that lowers the cost by more than noise explains.
     closure : {"smooth", "paper"}
         How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
     threshold : (low, high), optional
