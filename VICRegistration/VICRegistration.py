@@ -85,9 +85,8 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.addObserver(scene, event, self.onSceneGoes)
         for event in (scene.EndCloseEvent, scene.EndImportEvent):
             self.addObserver(scene, event, self.onSceneCame)
-        if getattr(self.parent, "isEntered", True):
-            # After a reload Slicer does not enter the module again; and a panel without a module is never entered.
-            self.panel.open()
+        # Not only when it is entered: after a reload it is not, nor is the panel that a script asks for.
+        self.panel.open()
 
     def enter(self):
         """Follow the scene while the module is shown."""

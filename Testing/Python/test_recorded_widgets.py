@@ -166,11 +166,20 @@ def test_a_spin_box_shows_special_text_and_suffix(qt):
     assert spin.text == "3 steps"
 
 
-def test_a_slider_rounds_to_its_decimals(ctk):
-    slider = ctk.ctkSliderWidget()
-    slider.decimals, slider.minimum, slider.maximum = 1, -5, 5
-    slider.value = 2.345
-    assert slider.value == 2.3
+def test_only_the_widgets_of_qt_round_to_their_decimals(qt, ctk):
+    for make, kept in ((qt.QDoubleSpinBox, 2.3), (ctk.ctkDoubleSpinBox, 2.345), (ctk.ctkSliderWidget, 2.345)):
+        widget = make()
+        widget.decimals, widget.minimum, widget.maximum = 1, -5, 5
+        widget.value = 2.345
+        assert widget.value == kept
+
+
+def test_a_step_longer_than_the_range_is_refused(ctk):
+    widget = ctk.ctkRangeWidget()
+    widget.setRange(0, 1)
+    widget.singleStep = 0.1
+    widget.singleStep = 4.0
+    assert widget.singleStep == 0.1
 
 
 def test_a_range_is_told_once_and_the_order_of_its_ends_counts(ctk):

@@ -51,6 +51,16 @@ def test_the_self_test_runs_every_test(python):
     assert {name for name in vars(python.VICRegistrationTest) if name.startswith("test_")} == set(SELF_TESTS)
 
 
+def test_a_panel_that_is_not_entered_follows_the_scene(recorded, slicer_module):
+    # As where a script asks for the panel without a main window to show it in.
+    widget = slicer.util.getModuleWidget("VICRegistration")
+    volume = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "MRI")
+    widget.ui.volumeSelector.setCurrentNode(volume)
+    assert widget.panel.parameters.volume is volume
+    widget.ui.addOrganButton.click()
+    assert widget.ui.organsTable.rowCount == 1
+
+
 def test_the_module_file_stays_thin():
     text = MODULE_FILE.read_text(encoding="utf-8")
     assert len(text.splitlines()) < 400

@@ -100,12 +100,12 @@ class NodeChooser(SceneWidget, record=False):
         if node is self._node:
             self.setCurrentNode(self._instead(node))
 
+    def _instead(self, node):
+        return None
+
     def _sceneChanged(self, nothing):
         if self._node is not None and self._node.GetScene() is None:
             self.setCurrentNode(None)
-
-    def _instead(self, node):
-        return None
 
     def _allows(self, node):
         return True
@@ -114,7 +114,22 @@ class NodeChooser(SceneWidget, record=False):
         self._emit("currentNodeChanged", self._node, bool=self._node is not None)
 
 
-class qMRMLNodeComboBox(NodeChooser):
+class NodeList(NodeChooser, record=False):
+    """What widgets share in which a node is chosen from a list."""
+
+    def _listed(self):
+        """Nodes to choose from."""
+        raise NotImplementedError
+
+    def _instead(self, node):
+        # As QComboBox: the one that comes to stand in its row, None too, or else the last one.
+        rows = [None] * bool(self._get("noneEnabled")) + self._listed()
+        at = rows.index(node)
+        rows.remove(node)
+        return rows[min(at, len(rows) - 1)] if rows else None
+
+
+class qMRMLNodeComboBox(NodeList):
     """Lists the scene's nodes of some types; ``_choose`` is what a user does."""
 
     _defaults = {
@@ -185,11 +200,6 @@ class qMRMLNodeComboBox(NodeChooser):
             self._emit("nodeAboutToBeRemoved", node)
         super()._nodeGoes(node)
 
-    def _instead(self, node):
-        # Without None as a choice, another node takes over.
-        others = [other for other in self._listed() if other is not node]
-        return others[0] if others and not self._get("noneEnabled") else None
-
     def _sceneChanged(self, nothing):
         super()._sceneChanged(nothing)
         self._fill()
@@ -222,7 +232,7 @@ class qMRMLNodeComboBox(NodeChooser):
         self.setCurrentNode(value)
 
 
-class qMRMLSegmentSelectorWidget(NodeChooser):
+class qMRMLSegmentSelectorWidget(NodeList):
     """A segmentation and one of its segments; ``_choose`` is what a user does."""
 
     _defaults = {"enabled": True, "visible": True, "segmentationNodeSelectorVisible": True}
@@ -253,6 +263,9 @@ class qMRMLSegmentSelectorWidget(NodeChooser):
 
     def _allows(self, node):
         return node is None or node.IsA("vtkMRMLSegmentationNode")
+
+    def _listed(self):
+        return list(slicer.util.getNodesByClass("vtkMRMLSegmentationNode"))
 
     def _chosen(self):
         super()._chosen()

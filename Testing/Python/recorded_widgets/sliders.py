@@ -1,4 +1,4 @@
-"""Stand-ins of the widgets that hold numbers: clamped to their range, rounded to their decimals, told once."""
+"""Stand-ins of the widgets that hold numbers: clamped to their range, told once; Qt's rounded to their decimals."""
 
 from __future__ import annotations
 
@@ -44,8 +44,6 @@ class Numbered(QWidget, record=False):
 
     def _set_value(self, value):
         value = min(max(value, self._get("minimum")), self._get("maximum"))
-        if "decimals" in self.record_.properties and self._get("decimals") < 16:
-            value = round(value, self._get("decimals"))
         if self._store("value", value):
             self._told(value)
 
@@ -78,13 +76,16 @@ class QSpinBox(Numbered):
 
 
 class QDoubleSpinBox(Numbered):
-    """Real numbers, 0 to 99.99 unless told otherwise."""
+    """Real numbers, 0 to 99.99 unless told otherwise, with as many decimals as it shows."""
 
     _defaults = {**SHOWN, "maximum": 99.99, "singleStep": 1.0, "decimals": 2}
 
+    def _set_value(self, value):
+        super()._set_value(round(value, self._get("decimals")))
+
 
 class ctkDoubleSpinBox(Numbered):
-    """Real numbers."""
+    """Real numbers; rounded where they are shown, but not those that it is given."""
 
     _defaults = QDoubleSpinBox._defaults
 
@@ -102,7 +103,7 @@ class ctkSliderWidget(Numbered):
 
 
 class ctkRangeWidget(QWidget):
-    """Two numbers, the first not above the second."""
+    """Two numbers, the first not above the second; rounded where they are shown."""
 
     _defaults = {**SHOWN, "maximum": 99.0, "maximumValue": 99.0, "singleStep": 1.0, "decimals": 2, "tracking": True}
 
@@ -117,7 +118,7 @@ class ctkRangeWidget(QWidget):
         _checkNumbers(minimumValue, maximumValue)
         low, high = sorted((float(minimumValue), float(maximumValue)))
         ends = (self._get("minimum"), self._get("maximum"))
-        low, high = (round(min(max(v, ends[0]), ends[1]), self._get("decimals")) for v in (low, high))
+        low, high = (min(max(value, ends[0]), ends[1]) for value in (low, high))
         changed = {"minimumValue": low != self._get("minimumValue"), "maximumValue": high != self._get("maximumValue")}
         self._values.update(minimumValue=low, maximumValue=high)
         for name, value in (("minimumValue", low), ("maximumValue", high)):
@@ -128,6 +129,11 @@ class ctkRangeWidget(QWidget):
 
     def reset(self):
         self.setValues(self._get("minimum"), self._get("maximum"))
+
+    def _set_singleStep(self, value):
+        # As ctk: what is longer than the range is refused.
+        if value <= self._get("maximum") - self._get("minimum"):
+            self._store("singleStep", value)
 
     def _set_minimum(self, value):
         self.setRange(value, max(value, self._get("maximum")))

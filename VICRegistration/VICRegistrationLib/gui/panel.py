@@ -59,6 +59,9 @@ class Panel(VTKObservationMixin):
             self.parameters.volume = _firstVolume()
         self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
+        scene = slicer.mrmlScene
+        # Before the selectors, which would choose a neighbour in their list.
+        self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._nodeGoes, priority=1.0)
         self._showOrgan()
 
     def close(self):
@@ -68,8 +71,9 @@ class Panel(VTKObservationMixin):
         self.separateSection.stopPlacing()
         self.correctSection.stopPlacing()
         self._volumeBinding.release()
-        self.removeObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
         self._followOrgan(None, None)
+        # All at once: the mixin holds on to nodes, with their voxels, whose observers are removed one by one.
+        self.removeObservers()
         for section in (self.separateSection, self.correctSection, self.compareSection):
             section.setOrgan(None, None)
         self.advancedSection.setOrgan(None)
@@ -187,6 +191,17 @@ class Panel(VTKObservationMixin):
             self._showOrgan()
         else:
             self.refresh()
+
+    @vtk.calldata_type(vtk.VTK_OBJECT)
+    def _nodeGoes(self, caller, event, node):
+        """Choose nothing in place of a node that is about to be removed."""
+        if slicer.mrmlScene.IsClosing():
+            return
+        if self.parameters.volume is node:
+            self.parameters.volume = None
+        for name in ("inputSegmentation", "referenceSegmentation", "referenceModel"):
+            if self._organ is not None and getattr(self._organ, name) is node:
+                setattr(self._organ, name, None)
 
     def _volumeMoved(self, caller=None, event=None):
         for organ in self.organs:

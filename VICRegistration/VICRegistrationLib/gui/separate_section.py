@@ -12,7 +12,7 @@ from slicer.parameterNodeWrapper import FloatRange
 from slicer.util import VTKObservationMixin
 
 from ..mrml.fitting import canBeSeparated, separateOrgan
-from ..mrml.organ_nodes import seedsOf
+from ..mrml.organ_nodes import hasSegment, seedsOf
 from ..mrml.parameters import RegionSource
 from ..mrml.points import markedPoints, placingEvents
 from .binding import Binding
@@ -203,26 +203,31 @@ class SeparateSection(VTKObservationMixin):
                 widget.decimals = (
                     0 if _holdsWholeNumbers(self._volume) else max(0, 3 - math.floor(math.log10(high - low)))
                 )
-                widget.singleStep = max(10.0**-widget.decimals, (high - low) / 1000.0)
+                # In this order: a step that is longer than the range is refused.
                 widget.setRange(low, high)
+                widget.singleStep = max(10.0**-widget.decimals, (high - low) / 1000.0)
             widget.setValues(threshold.minimum, threshold.maximum)
         finally:
             widget.blockSignals(blocked)
 
     def _showVisibility(self):
         check = self._ui.previewCheck
-        display = self._organ.regions.GetDisplayNode() if self._organ.regions is not None else None
-        if display is None or not self._organ.regionSegmentId:
+        display = self._regionDisplay()
+        if display is None:
             return
         blocked = check.blockSignals(True)
         check.checked = bool(display.GetSegmentVisibility(self._organ.regionSegmentId))
         check.blockSignals(blocked)
 
     def _showRegion(self, visible):
+        display = self._regionDisplay()
+        if display is not None:
+            display.SetSegmentVisibility(self._organ.regionSegmentId, visible)
+
+    def _regionDisplay(self):
+        """How the region is shown; None where there is none, as after the deletion of its segment."""
         organ = self._organ
-        if organ is None or organ.regions is None or organ.regions.GetDisplayNode() is None:
-            return
-        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, visible)
+        return organ.regions.GetDisplayNode() if organ is not None and hasSegment(organ) else None
 
 
 def _levels(volumeNode):

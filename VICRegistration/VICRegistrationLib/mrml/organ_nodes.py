@@ -29,7 +29,7 @@ def paint(organ):
         paintPoints(organ.seeds, organ.color)
     for series in seriesOf(organ.plot) if organ.plot is not None else []:
         series.SetColor(*organ.color)
-    if organ.regions is not None and organ.regionSegmentId:
+    if hasSegment(organ):
         addSegment(organ.regions, organ.regionSegmentId, organ.label, organ.color)
 
 
@@ -47,7 +47,7 @@ def isVisible(organ):
     if organ.surface is not None:
         display = organ.surface.GetDisplayNode()
         return bool(display is not None and display.GetVisibility())
-    display = organ.regions.GetDisplayNode() if organ.regions is not None else None
+    display = organ.regions.GetDisplayNode() if hasSegment(organ) else None
     return bool(display is None or display.GetSegmentVisibility(organ.regionSegmentId))
 
 
