@@ -67,6 +67,18 @@ def test_a_row_is_named_after_patient_organ_and_reference(logic, organ):
     assert names_in_rows() == [("mri", "bladder", "expert: segment s"), ("P 2", "bladder", "second reader")]
 
 
+def test_names_come_back_from_a_saved_scene(add_row, scene, tmp_path):
+    # Slicer's files of tables lose quotation marks, and take a tab for the next column.
+    add_row('P "1"', "bladder", "second\treader")
+    path = str(tmp_path / "scene.mrb")
+    assert slicer.util.saveScene(path)
+    mrml_boot.clear(scene)
+    slicer.util.loadScene(path)
+    assert names_in_rows() == [("P '1'", "bladder", "second reader")]
+    add_row('P "1"', "bladder", "second\treader")
+    assert len(rows()) == 1
+
+
 def test_the_columns_say_what_they_hold_and_in_which_unit(logic, organ):
     found = logic.compare(organ, surface_model(larger(1.0)))
     (row,) = rows()

@@ -304,3 +304,10 @@ def test_options_that_are_refused_change_nothing(organs):
     with pytest.raises(ValueError, match=r"50.0 was given for the width of the edge \(tau\) in mm"):
         organ.setFitOptions(FitOptions(closure="paper", net=(11, 9), tau=50.0))
     assert organ.options() == FitOptions()
+
+
+def test_names_are_such_that_slicer_can_save_them(logic):
+    organ = logic.organs().add("wall & tumour")
+    assert organ.label == "wall + tumour"
+    logic.organs().rename(organ, "a&b")
+    assert organ.label == "a+b"

@@ -23,6 +23,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.phantom import volume_fractions
 from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface, surfaceFromModel
+from VICRegistrationLib.mrml.volumes import showInSlices
 
 
 def waitFor(condition, *, seconds=60.0):
@@ -627,6 +628,10 @@ class SceneTest(PanelTestCase):
         self.volume.GetImageData().AddObserver(vtk.vtkCommand.DeleteEvent, lambda caller, event: freed.append(event))
         self.volume = None
         slicer.mrmlScene.Clear()
+        # Slice views keep the voxels that they have shown until they show others.
+        other = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode")
+        slicer.util.updateVolumeFromArray(other, np.zeros((2, 2, 2), dtype=np.int16))
+        showInSlices(other)
         slicer.app.processEvents()
         gc.collect()
         self.assertEqual(len(freed), 1)

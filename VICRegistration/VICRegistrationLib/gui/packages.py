@@ -42,7 +42,7 @@ def ensurePackage(name, requirement, purpose):
         pip_install = slicer.util.pip_install
     try:
         pip_install(requirement)
-    except subprocess.CalledProcessError:
+    except (subprocess.CalledProcessError, RuntimeError, OSError):
         logging.exception("The package %s could not be installed", requirement)
         return False
     importlib.invalidate_caches()

@@ -44,7 +44,7 @@ def addComparison(comparison, *, patient, organ, reference):
     ----------
     comparison : VICRegistrationLib.analysis.comparison.Comparison
     patient, organ, reference : str
-        Their names.
+        Their names; quotation marks become apostrophes.
 
     Returns
     -------
@@ -55,7 +55,8 @@ def addComparison(comparison, *, patient, organ, reference):
     if node is None:
         node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", _("VIC comparison"))
         node.SetAttribute(TYPE_ATTRIBUTE, _COMPARISON)
-    _write(node, {PATIENT: patient, ORGAN: organ, REFERENCE: reference, **_numbers(comparison)})
+    names = {PATIENT: patient, ORGAN: organ, REFERENCE: reference}
+    _write(node, {**{key: _storable(name) for key, name in names.items()}, **_numbers(comparison)})
     return node
 
 
@@ -105,6 +106,11 @@ def _numbers(comparison):
         "Reference volume (ml)": comparison.reference_ml,
         "Volume difference (ml)": comparison.volume_difference_ml,
     }
+
+
+def _storable(name):
+    """Name without what Slicer's files of tables lose: tabs, new lines and quotation marks."""
+    return " ".join(name.replace('"', "'").split())
 
 
 def _columns(node):

@@ -45,7 +45,7 @@ def worldSurface(organ):
         raise ValueError(
             _(
                 "The organ {name} is under a transform that bends it; a B-spline surface cannot follow that exactly. "
-                "Take the volume out of the transform, or harden it on the volume and fit again."
+                "Take the volume out of the transform, or harden the transform on the volume and fit again."
             ).format(name=organ.label)
         )
     matrix = vtk.vtkMatrix4x4()

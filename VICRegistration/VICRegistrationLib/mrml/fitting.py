@@ -7,11 +7,11 @@ from slicer.i18n import tr as _
 
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
-from .organ_nodes import convergenceOf, hasSegment, modelOf, removeNodes, segmentOf
+from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf
 from .parameters import OrganState, RegionSource
 from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
-from .surfaces import showSurface, surfaceFromModel, worldVolumeMl
+from .surfaces import carriesSurface, showSurface, surfaceFromModel, worldVolumeMl
 from .volumes import imageFromVolume
 
 
@@ -101,7 +101,9 @@ def refitSteps(organ, volumeNode):
                     name=organ.label
                 )
             )
-        image, surface = imageFromVolume(volumeNode), surfaceFromModel(organ.surface, corrected=False)
+        image = imageFromVolume(volumeNode)
+        followVolume(organ, volumeNode)
+        surface = surfaceFromModel(organ.surface, corrected=False)
         # From where earlier points have not pulled it: a point that is taken back leaves nothing behind.
         steps = refit(image, surface, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
         return (yield from book.followed(image, steps))
@@ -146,9 +148,10 @@ def updateVolume(organ):
     Parameters
     ----------
     organ : OrganParameters
-        Without a surface nothing is done.
+        Without a surface, or with one whose triangles others have changed, nothing is done.
     """
-    if organ.surface is not None and organ.state in (OrganState.FITTED, OrganState.UNSETTLED):
+    fitted = organ.surface is not None and organ.state in (OrganState.FITTED, OrganState.UNSETTLED)
+    if fitted and carriesSurface(organ.surface):
         organ.volumeMl = float(worldVolumeMl(organ.surface, surfaceFromModel(organ.surface)))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import slicer
 from slicer.i18n import tr as _
 
@@ -134,12 +136,13 @@ def segmentOf(organ, volumeNode):
     segmentId : str
     """
     regions = regionsOf(volumeNode)
-    if organ.regions is not None and organ.regions is not regions and organ.regionSegmentId:
+    if organ.regions is not regions:
         # The organ was separated in another volume before.
-        organ.regions.GetSegmentation().RemoveSegment(organ.regionSegmentId)
+        removeSegment(organ)
     segmentId = organ.regionSegmentId
     if organ.regions is not regions or not segmentId:
-        segmentId = regions.GetSegmentation().GenerateUniqueSegmentID(f"VIC_{organ.label}")
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", organ.label)
+        segmentId = regions.GetSegmentation().GenerateUniqueSegmentID(f"VIC_{plain}")
     # The segment first: those who follow the organ look for what it refers to.
     addSegment(regions, segmentId, organ.label, organ.color)
     with slicer.util.NodeModify(organ.parameterNode):
@@ -209,7 +212,7 @@ def convergenceOf(organ, volumeNode):
 
 
 def followVolume(organ, volumeNode):
-    """Put what belongs to an organ under the transform that its volume is under now.
+    """Put what belongs to an organ under the transform that its volume is under now, or that was hardened on it.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ class Organs:
         Parameters
         ----------
         name : str
-            A number is appended if there is such an organ.
+            A number is appended if there is such an organ; "&" becomes "+".
         color : (r, g, b), optional
             0 to 1; that of the preset of this name, or one that is not used yet.
 
@@ -162,7 +162,7 @@ class Organs:
         name : str
             Blank names and those of other organs are not taken: the organ then keeps its name.
         """
-        name, old = name.strip(), organ.label
+        name, old = _storable(name.strip()), organ.label
         if not name or name == old or name in self._names():
             return
         organ.label = name
@@ -187,7 +187,7 @@ class Organs:
         return [organ.label for organ in self]
 
     def _unusedName(self, name):
-        names, count = self._names(), 2
+        names, count, name = self._names(), 2, _storable(name)
         unused = name
         while unused in names:
             unused, count = f"{name} {count}", count + 1
@@ -199,3 +199,8 @@ class Organs:
         used = [organ.color for organ in self]
         free = [color for color in _OTHER_COLORS if color not in used]
         return (free or _OTHER_COLORS)[0]
+
+
+def _storable(name):
+    """Name that Slicer can save: a scene with "&" in the name of a model is no XML, and cannot be loaded again."""
+    return name.replace("&", "+")

@@ -1,7 +1,12 @@
-"""Surfaces as model nodes: triangles to look at, the control net in the polydata's field data."""
+"""Surfaces as model nodes: triangles to look at, the control net in the polydata's field data.
+
+Hardened transforms and filters move the triangles and leave field data as it is. So a net counts as far as the
+triangles lie on its surface, or on an affine image of it, which then is the surface.
+"""
 
 from __future__ import annotations
 
+import numpy as np
 import slicer
 import vtk
 from slicer.i18n import tr as _
@@ -13,6 +18,9 @@ from .colors import STANDARD_DEVIATION, addNumbers, exchangePolyData
 _CHORD_ERROR_MM = 0.1
 _SLICE_THICKNESS_PX = 2
 _UNCORRECTED = "uncorrected_"
+# Triangles farther than this from a surface are not its own, mm: those of a file in single precision are.
+_OWN_MM = 1e-2
+_CHECKED_POINTS = 64
 # While a surface moves its triangles keep their places on it: as many as suit every organ.
 _MOVING_RESOLUTION = (64, 40)
 
@@ -103,7 +111,7 @@ def _isMoving(data, count):
 
 
 def carriesSurface(modelNode):
-    """Whether a model carries a B-spline surface.
+    """Whether a model carries a B-spline surface, and shows it.
 
     Parameters
     ----------
@@ -112,9 +120,16 @@ def carriesSurface(modelNode):
     Returns
     -------
     bool
+        False as well where another module has changed the triangles.
     """
     data = modelNode.GetPolyData()
-    return data is not None and bool(data.GetFieldData().HasArray("control_net"))
+    if data is None or not data.GetFieldData().HasArray("control_net"):
+        return False
+    try:
+        surfaceFromModel(modelNode)
+    except ValueError:
+        return False
+    return True
 
 
 def surfaceFromModel(modelNode, *, corrected=True):
@@ -129,12 +144,12 @@ def surfaceFromModel(modelNode, *, corrected=True):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface
-        Local RAS mm of the node, bit for bit as it was fitted.
+        Local RAS mm of the node, bit for bit as it was fitted; moved along where a linear transform was hardened.
 
     Raises
     ------
     ValueError
-        If the model carries none.
+        If the model carries none, or its triangles are no longer those of its surface.
     """
     from ..export.surface_data import surface_in
 
@@ -143,8 +158,44 @@ def surfaceFromModel(modelNode, *, corrected=True):
     if data is None:
         raise ValueError(_("The model {name} is empty; a fitted surface is needed. Fit the organ.").format(name=name))
     fields = data.GetFieldData()
-    role = "" if corrected or not fields.HasArray(_UNCORRECTED + "control_net") else _UNCORRECTED
-    return surface_in(fields, _("model {name}").format(name=name), remedy=_("fit the organ"), role=role)
+    where, remedy = _("model {name}").format(name=name), _("fit the organ")
+    shown = surface_in(fields, where, remedy=remedy)
+    matrix = _matrixTo(data, shown)
+    if matrix is None:
+        raise ValueError(
+            _(
+                "The triangles of the model {name} have been changed, by hardening a transform that bends or by "
+                "another module; those of its B-spline surface are needed. Fit the organ again."
+            ).format(name=name)
+        )
+    uncorrected = not corrected and fields.HasArray(_UNCORRECTED + "control_net")
+    surface = surface_in(fields, where, remedy=remedy, role=_UNCORRECTED) if uncorrected else shown
+    if np.array_equal(matrix, np.eye(4)):
+        return surface
+    moved = surface.transformed(matrix)
+    # A mirror turns it inside out.
+    return moved.turned() if np.linalg.det(matrix[:3, :3]) < 0.0 else moved
+
+
+def _matrixTo(data, surface):
+    """Affine map, (4, 4), from a surface to where its triangles are now; None if they are no image of it."""
+    from ..geometry.projection import closest_points
+    from ..geometry.triangulation import triangulate
+
+    points = vtk_to_numpy(data.GetPoints().GetData()).astype(float) if data.GetNumberOfPoints() else np.empty((0, 3))
+    if not len(points):
+        return None
+    some = points[:: max(len(points) // _CHECKED_POINTS, 1)]
+    if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM:
+        return np.eye(4)
+    places = triangulate(surface, chord_error=_CHORD_ERROR_MM).points
+    if len(places) != len(points):
+        return None
+    solution = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))]), points, rcond=None)[0]
+    matrix = np.eye(4)
+    matrix[:3] = solution.T
+    off = np.abs(places @ matrix[:3, :3].T + matrix[:3, 3] - points).max()
+    return matrix if off <= _OWN_MM else None
 
 
 def isAlone(modelNode):

@@ -13,6 +13,9 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
+# Attribute of what is put under a volume: the volume's grid at that time.
+_GRID = "VIC.grid"
+
 
 def imageFromVolume(volumeNode):
     """Image of a volume node, in the volume's local RAS mm.
@@ -56,10 +59,8 @@ def imageFromVolume(volumeNode):
                 "module Vector to Scalar Volume."
             ).format(name=volumeNode.GetName(), count=data.GetNumberOfScalarComponents())
         )
-    ijkToRas = vtk.vtkMatrix4x4()
-    volumeNode.GetIJKToRASMatrix(ijkToRas)
     try:
-        return Image(slicer.util.arrayFromVolume(volumeNode), slicer.util.arrayFromVTKMatrix(ijkToRas))
+        return Image(slicer.util.arrayFromVolume(volumeNode), _gridOf(volumeNode))
     except ValueError as error:
         msg = f"{volumeNode.GetName()}: {error}"
         raise ValueError(msg) from error
@@ -117,9 +118,41 @@ def putUnderVolume(node, volumeNode):
     ----------
     node : vtkMRMLTransformableNode
     volumeNode : vtkMRMLScalarVolumeNode
+
+    Notes
+    -----
+    Where the transform was hardened on the volume, which then stays in its place in the world, so does the node.
     """
-    parent = volumeNode.GetParentTransformNode()
+    grid, parent = _gridOf(volumeNode), volumeNode.GetParentTransformNode()
+    hardened = _wasHardened(volumeNode, node.GetParentTransformNode(), node.GetAttribute(_GRID))
+    if hardened:
+        node.HardenTransform()
     node.SetAndObserveTransformNodeID(parent.GetID() if parent else None)
+    if hardened and node.IsA("vtkMRMLSegmentationNode"):
+        node.SetReferenceImageGeometryParameterFromVolumeNode(volumeNode)
+    text = " ".join(f"{number!r}" for number in grid.ravel().tolist())
+    if node.GetAttribute(_GRID) != text:
+        node.SetAttribute(_GRID, text)
+
+
+def _wasHardened(volumeNode, before, remembered):
+    """Whether a volume, whose grid is remembered as a text, was below a transform node and bears it itself now."""
+    if before is None or before is volumeNode.GetParentTransformNode() or remembered is None:
+        return False
+    old, new = np.array(remembered.split(), dtype=float).reshape(4, 4), _gridOf(volumeNode)
+    if not before.IsTransformToWorldLinear():
+        # The voxels were sampled anew, on another grid.
+        return not np.allclose(new, old)
+    matrix = vtk.vtkMatrix4x4()
+    before.GetMatrixTransformToWorld(matrix)
+    return np.allclose(new, slicer.util.arrayFromVTKMatrix(matrix) @ old, atol=1e-3) and not np.allclose(new, old)
+
+
+def _gridOf(volumeNode):
+    """Matrix from voxels to the volume's local RAS mm, (4, 4)."""
+    matrix = vtk.vtkMatrix4x4()
+    volumeNode.GetIJKToRASMatrix(matrix)
+    return slicer.util.arrayFromVTKMatrix(matrix)
 
 
 def transformedPoints(source, target, points):
