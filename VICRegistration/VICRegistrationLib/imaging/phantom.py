@@ -62,7 +62,7 @@ def volume_fractions(
     # In a voxel of `parts` sub-voxels the voxel's centre is at their mean index, (parts - 1) / 2.
     fine = (ijk - first) * parts + (parts - 1) / 2
     inside = fractions[first[2] : last[2] + 1, first[1] : last[1] + 1, first[0] : last[0] + 1]
-    for k, samples in enumerate(_stencil_slabs(_polydata(fine, triangles), size, parts)):
+    for k, samples in enumerate(_stencil_slabs(fine, triangles, size, parts)):
         inside[k] = _block_sums(samples, parts) / float(parts.prod())
     return fractions
 
@@ -251,23 +251,30 @@ def _gaussian_weights(count: int, step: float) -> np.ndarray:
     return np.exp(-0.5 * (places[:, None] - nodes) ** 2).astype(np.float32)
 
 
-def _stencil_slabs(mesh: vtkPolyData, size: np.ndarray, parts: np.ndarray) -> Iterator[np.ndarray]:
+def _stencil_slabs(
+    points: np.ndarray, triangles: np.ndarray, size: np.ndarray, parts: np.ndarray
+) -> Iterator[np.ndarray]:
     """Yield, slice by slice, the sub-voxels inside a mesh: (sk, nj * sj, ni * si) arrays of 0 and 1.
 
-    `mesh` is in sub-voxel indices. Slice by slice, because all the sub-voxels of a large image would not fit
+    The points are in sub-voxel indices. Slice by slice, because all the sub-voxels of a large image would not fit
     into memory. The arrays are views that the next step overwrites.
     """
     width, height, _ = size * parts
     stencil = vtkPolyDataToImageStencil()
-    stencil.SetInputData(mesh)
     to_image = vtkImageStencilToImage()
     to_image.SetInputConnection(stencil.GetOutputPort())
     to_image.SetInsideValue(1)
     to_image.SetOutsideValue(0)
     to_image.SetOutputScalarTypeToUnsignedChar()
     depth = int(parts[2])
+    heights = points[triangles, 2]
+    low, high = heights.min(axis=1), heights.max(axis=1)
+    vertices = _vertices(points)
     for k in range(int(size[2])):
-        stencil.SetOutputWholeExtent(0, int(width) - 1, 0, int(height) - 1, k * depth, (k + 1) * depth - 1)
+        first, last = k * depth, (k + 1) * depth - 1
+        # The stencil looks at every triangle for every plane that it cuts.
+        stencil.SetInputData(_polydata(vertices, triangles[(low <= last + 1) & (high >= first - 1)]))
+        stencil.SetOutputWholeExtent(0, int(width) - 1, 0, int(height) - 1, first, last)
         to_image.Update()
         scalars = to_image.GetOutput().GetPointData().GetScalars()
         yield vtk_to_numpy(scalars).reshape(depth, height, width)
@@ -280,10 +287,15 @@ def _block_sums(samples: np.ndarray, parts: np.ndarray) -> np.ndarray:
     return sum(per_row[:, offset :: parts[0]] for offset in range(parts[0]))
 
 
-def _polydata(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
-    """Make a vtkPolyData of triangles."""
+def _vertices(points: np.ndarray) -> vtkPoints:
+    """Make vtkPoints of an array."""
     vertices = vtkPoints()
     vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
+    return vertices
+
+
+def _polydata(vertices: vtkPoints, triangles: np.ndarray) -> vtkPolyData:
+    """Make a vtkPolyData of triangles."""
     cells = vtkCellArray()
     cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles).ravel(), deep=True))
     mesh = vtkPolyData()
