@@ -21,6 +21,8 @@ _WINDOW_MM, _LAG_MM = 6.0, 1.5
 # Behind the edge, the outside level is the one farthest from the inside within this depth, as in a thin wall.
 _DEPTH_MM = 4.0
 _LONGEST_RAY_MM = 150.0
+# Most rays end within this: the others are followed a second time, farther.
+_SHORT_RAY_MM = 50.0
 # The level at the end of a ray is still that of the organ within this share of the contrast.
 _ASTRAY_SHARE = 0.45
 # What several seeds see together is measured on a lattice of so many points along each axis.
@@ -139,12 +141,15 @@ class Edges:
         inside = (np.arange(_LATTICE) + 0.5) / _LATTICE
         lattice = np.stack(np.meshgrid(inside, inside, inside), axis=-1).reshape(-1, 3)
         points = (low + (high - low) * lattice) @ np.linalg.inv(self.axes)
-        away = points - self.seeds[:, None]
-        distances = np.linalg.norm(away, axis=2)
-        # Far from a seed rays are far apart: how far it sees between them is their mean.
-        _, rays = cKDTree(self.directions).query(away / np.maximum(distances, 1e-9)[..., None], k=_RAYS_BETWEEN)
-        reach = np.stack([lengths[near].mean(axis=1) for lengths, near in zip(self.lengths, rays)])
-        seen = (distances <= reach).any(axis=0)
+        # Far from a seed rays are far apart: how far it sees between them is their mean. No farther than its longest.
+        seen = np.zeros(len(points), dtype=bool)
+        tree = cKDTree(self.directions)
+        for seed, lengths in zip(self.seeds, self.lengths):
+            away = points - seed
+            distances = np.linalg.norm(away, axis=1)
+            asked = np.flatnonzero(~seen & (distances <= lengths.max()))
+            _, rays = tree.query(away[asked] / np.maximum(distances[asked], 1e-9)[:, None], k=_RAYS_BETWEEN)
+            seen[asked] = distances[asked] <= lengths[rays].mean(axis=1)
         box = np.prod(high - low) * abs(np.linalg.det(np.linalg.inv(self.axes)))
         return float(seen.mean() * box)
 
@@ -176,13 +181,13 @@ def find_edges(image: Image, seeds) -> Edges:
     seeds = checked_seeds(image, seeds)
     step = float(image.spacing.min())
     directions = _directions(image)
-    profiles, valid = _profiles(image, seeds, directions, step)
     level, noise = _levels_at(image, seeds)
     rays = len(directions)
-    edge, inner, outer = _steps(profiles, valid, np.repeat(level, rays), np.repeat(noise, rays), step)
+    starts, along = np.repeat(seeds, rays, axis=0), np.tile(directions, (len(seeds), 1))
+    edge, last, inner, outer, inside = _followed(
+        image, starts, along, np.repeat(level, rays), np.repeat(noise, rays), step
+    )
     found = edge >= 0
-    last = np.where(found, edge, valid.sum(axis=1))
-    inside = profiles[(np.arange(profiles.shape[1]) < last[:, None]) & valid & found[:, None]]
     middle = float(np.median(np.concatenate([inside, level])))
     spread = 1.4826 * float(np.median(np.abs(inside - middle))) if inside.size else 0.0
     shape = (len(seeds), rays)
@@ -217,14 +222,41 @@ def _directions(image):
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _profiles(image, seeds, directions, step):
-    """Grey levels along the rays of all seeds, shape (rays, samples), and where they are in the volume."""
-    distances = np.arange(0.0, _LONGEST_RAY_MM, step)
-    rays = directions[:, None, :] * distances[:, None]
-    levels, valid = Sampler(image).values(seeds[:, None, None, :] + rays)
-    levels = levels.reshape(-1, len(distances))
+def _followed(image, starts, along, level, noise, step):
+    """Follow rays to their edges.
+
+    Returns the sample of each edge (-1 where there is none), the number of samples before it or within the volume, the
+    levels before and behind it, and all grey levels before edges that were found.
+    """
+    edge, last = np.full((2, len(starts)), -1)
+    inner, outer = np.zeros((2, len(starts)))
+    inside, asked = [], np.arange(len(starts))
+    for reach in (_SHORT_RAY_MM, _LONGEST_RAY_MM):
+        profiles, valid = _profiles(image, starts[asked], along[asked], np.arange(0.0, reach, step))
+        steps = _steps(profiles, valid, level[asked], noise[asked], step)
+        # The end of a short ray is nothing to judge by.
+        settled = (steps[0] >= 0) & (steps[0] + _depth(step) < profiles.shape[1] - 1) | (reach == _LONGEST_RAY_MM)
+        done = asked[settled]
+        edge[done], inner[done], outer[done] = (part[settled] for part in steps)
+        last[done] = np.where(edge[done] >= 0, edge[done], valid[settled].sum(axis=1))
+        before = (np.arange(profiles.shape[1]) < last[done][:, None]) & (edge[done] >= 0)[:, None]
+        inside.append(profiles[settled][before & valid[settled]])
+        asked = asked[~settled]
+        if not len(asked):
+            break
+    return edge, last, inner, outer, np.concatenate(inside)
+
+
+def _profiles(image, starts, along, distances):
+    """Grey levels along rays, shape (rays, samples), and where they are in the volume."""
+    levels, valid = Sampler(image).values(starts[:, None] + along[:, None, :] * distances[:, None])
     # Single voxels of noise do not end an organ.
-    return ndimage.median_filter(levels, size=(1, 3), mode="nearest"), valid.reshape(levels.shape)
+    return ndimage.median_filter(levels, size=(1, 3), mode="nearest"), valid
+
+
+def _depth(step):
+    """Count the samples behind an edge that tell the level there."""
+    return max(int(round(_DEPTH_MM / step)), 2)
 
 
 def _levels_at(image, seeds):
@@ -266,7 +298,7 @@ def _steps(profiles, inside_volume, level, noise, step):
 
     at = np.where(edge >= 0, edge, np.maximum(inside_volume.sum(axis=1) - 1, 0))[:, None]
     inner = np.take_along_axis(running, at, axis=1)
-    depth = np.minimum(at + np.arange(max(int(round(_DEPTH_MM / step)), 2)), profiles.shape[1] - 1)
+    depth = np.minimum(at + np.arange(_depth(step)), profiles.shape[1] - 1)
     behind = np.take_along_axis(profiles, depth, axis=1) - inner
     behind *= np.take_along_axis(inside_volume, depth, axis=1)
     signed = behind * np.sign(behind[:, :1])
