@@ -37,6 +37,14 @@ def one_net(monkeypatch):
     monkeypatch.setattr(automatic, "fit_finer", finer)
 
 
+@pytest.fixture
+def remembered(one_net, monkeypatch):
+    """One net, and a fit of the same image with the same options is run once, for tests of what is around fits."""
+    from remembered import remember
+
+    remember(monkeypatch)
+
+
 @pytest.fixture(scope="session")
 def pelvis():
     """The demo's MRI of a pelvis with its default settings; painting it takes some seconds."""

@@ -14,6 +14,8 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 # Every setting of an organ with a value that is not its default, as text or number; enums by name.
 OTHER_SETTINGS = {
     "color": (0.125, 0.3, 0.7),

@@ -28,7 +28,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.phantom import volume_fractions
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 RIGID = motion(40, (2, -1, 1), (12, -9, 4))
 SCALING = np.diag([1.1, 0.9, 1.2, 1.0])

@@ -22,7 +22,7 @@ from small_phantom import ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 
 @pytest.fixture(scope="module")

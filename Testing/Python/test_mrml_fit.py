@@ -18,6 +18,8 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.registration.options import FitOptions
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 # Asked for. The same numbers go through the same arithmetic, but for the matrix of the file, written in decimals.
 SAME_MM = 1e-6
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0

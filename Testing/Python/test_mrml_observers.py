@@ -10,7 +10,7 @@ import pytest
 from mrml_scenes import slicer
 from small_phantom import CENTER
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 
 def observers(scene):

@@ -14,7 +14,7 @@ from small_phantom import CENTER
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.separation import separate
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 
 @pytest.fixture

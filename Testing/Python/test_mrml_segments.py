@@ -14,7 +14,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.phantom import volume_fractions
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 NEAR_MM = 0.25
 

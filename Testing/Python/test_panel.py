@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 
 
 @pytest.fixture
-def panelTests(recorded, slicer_module, monkeypatch):
-    """The module of the self tests."""
+def panelTests(recorded, slicer_module, pelvis, monkeypatch):
+    """The module of the self tests, with the demo's MRI as it is painted for other tests too."""
+    monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "Slicer"))
     sys.modules.pop("panel_tests", None)
     import panel_tests
