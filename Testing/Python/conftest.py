@@ -45,6 +45,14 @@ def remembered(one_net, monkeypatch):
     remember(monkeypatch)
 
 
+@pytest.fixture(scope="module")
+def small_pictures():
+    """Draw pictures with few pixels, for tests that do not look at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("VICRegistrationLib.analysis.canvas._DPI", 30)
+        yield
+
+
 @pytest.fixture(scope="session")
 def pelvis():
     """The demo's MRI of a pelvis with its default settings; painting it takes some seconds."""

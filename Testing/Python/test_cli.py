@@ -21,6 +21,8 @@ from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import write_image
 
+pytestmark = pytest.mark.usefixtures("small_pictures")
+
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 
 
@@ -48,7 +50,7 @@ def fit(*words):
 
 
 @pytest.fixture(scope="module")
-def fitted(image_path, tmp_path_factory):
+def fitted(image_path, tmp_path_factory, small_pictures):
     """Folder of a fit from flags."""
     folder = tmp_path_factory.mktemp("fit") / "out"
     assert fit(image_path, "--organ", "bladder", "--seed", SEED, "--output", folder, "--quiet") == 0

@@ -14,11 +14,14 @@ from VICRegistrationLib.cli.requests import organ_request
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.phantoms import pelvis
 
+pytestmark = pytest.mark.usefixtures("one_net", "small_pictures")
 
-@pytest.fixture
-def organs(tmp_path):
-    write_image(ellipsoid_image(), tmp_path / "mri.nrrd")
-    return fit_to_folder(tmp_path / "mri.nrrd", [organ_request("bladder", [CENTER])], tmp_path / "out", pictures=False)
+
+@pytest.fixture(scope="module")
+def organs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("organs")
+    write_image(ellipsoid_image(), folder / "mri.nrrd")
+    return fit_to_folder(folder / "mri.nrrd", [organ_request("bladder", [CENTER])], folder / "out", pictures=False)
 
 
 def test_the_table_tells_deviation_volume_and_time(organs):
