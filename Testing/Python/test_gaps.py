@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,18 @@ def lens(first, second, distance):
     deep = first + second - distance
     squares = distance**2 + 2.0 * distance * (first + second) - 3.0 * (first - second) ** 2
     return np.pi * deep**2 * squares / (12.0 * distance)
+
+
+@pytest.fixture(scope="module")
+def overlapping():
+    """Gap of two balls whose centres are 40 mm apart."""
+    return gap(ball(30.0), ball(20.0, 40.0 * DIRECTION))
+
+
+@pytest.fixture(scope="module")
+def demo_gaps():
+    """Gaps of the demo's organs."""
+    return gaps(pelvic_organs())
 
 
 @pytest.mark.parametrize("distance", [0.01, 1.0, 40.0])
@@ -58,9 +72,9 @@ def test_a_gap_at_two_poles_is_found():
     np.testing.assert_allclose(found.nearest.points, tips, atol=0.05)
 
 
-def test_no_place_is_nearer_than_the_gap():
+def test_no_place_is_nearer_than_the_gap(demo_gaps):
     organs = pelvic_organs()
-    found = gap(organs["bladder"], organs["vagina"])
+    found = demo_gaps[0]
     u, v = np.random.default_rng(4).random((2, 4000))
     assert closest_points(organs["vagina"], organs["bladder"].points(u, v)).distances.min() > found.distance
     # The first organ's place, moved by a little, is farther away.
@@ -72,8 +86,8 @@ def test_no_place_is_nearer_than_the_gap():
 
 
 @pytest.mark.parametrize(("distance", "tolerance"), [(40.0, 0.01), pytest.param(49.5, 0.015, marks=pytest.mark.long)])
-def test_overlapping_balls_have_a_lens_in_common(distance, tolerance):
-    found = gap(ball(30.0), ball(20.0, distance * DIRECTION))
+def test_overlapping_balls_have_a_lens_in_common(overlapping, distance, tolerance):
+    found = overlapping if distance == 40.0 else gap(ball(30.0), ball(20.0, distance * DIRECTION))
     known = lens(30.0, 20.0, distance)
     assert found.relation == "overlapping"
     assert found.distance == pytest.approx(distance - 50.0, abs=SPHERE_ERROR)
@@ -87,9 +101,8 @@ def test_overlapping_balls_have_a_lens_in_common(distance, tolerance):
     np.testing.assert_allclose(np.cross(found.overlap.center, DIRECTION), 0.0, atol=0.1)
 
 
-def test_a_place_where_the_surfaces_cross_lies_on_both():
-    first, second = ball(30.0), ball(20.0, 40.0 * DIRECTION)
-    points = np.array(gap(first, second).nearest.points)
+def test_a_place_where_the_surfaces_cross_lies_on_both(overlapping):
+    points = np.array(overlapping.nearest.points)
     np.testing.assert_allclose(points[0], points[1], atol=1e-3)
     np.testing.assert_allclose(np.linalg.norm(points[0]), 30.0, atol=SPHERE_ERROR)
     np.testing.assert_allclose(np.linalg.norm(points[0] - 40.0 * DIRECTION), 20.0, atol=SPHERE_ERROR)
@@ -123,16 +136,15 @@ def test_identical_surfaces_have_everything_in_common():
     assert found.overlap.volume == pytest.approx(surface.volume(), rel=1e-12)
 
 
-def test_the_order_of_two_organs_only_swaps_the_places():
-    first, second = ball(30.0), ball(20.0, 45.0 * DIRECTION)
-    one, other = gap(first, second), gap(second, first)
+def test_the_order_of_two_organs_only_swaps_the_places(overlapping):
+    one, other = overlapping, gap(ball(20.0, 40.0 * DIRECTION), ball(30.0))
     assert one.distance == pytest.approx(other.distance, abs=1e-4)
     np.testing.assert_allclose(one.deepest.points, other.deepest.points[::-1], atol=0.5)
     assert one.overlap.volume == pytest.approx(other.overlap.volume, rel=0.02)
 
 
-def test_every_pair_of_the_demo_s_organs_is_measured_once():
-    found = gaps(pelvic_organs())
+def test_every_pair_of_the_demo_s_organs_is_measured_once(demo_gaps):
+    found = demo_gaps
     assert [(each.first, each.second) for each in found] == [
         ("bladder", "vagina"),
         ("bladder", "rectum"),
@@ -144,7 +156,14 @@ def test_every_pair_of_the_demo_s_organs_is_measured_once():
     assert "bladder and vagina are 5.132 mm apart at R 2.0" in str(found[0])
 
 
-def test_an_overlap_is_told_in_a_sentence():
+def test_an_overlap_is_told_in_a_sentence(overlapping):
+    told = str(replace(overlapping, first="bladder", second="vagina"))
+    assert "bladder and vagina have" in told
+    assert "mm³ in common (overlapping)" in told
+
+
+@pytest.mark.long
+def test_the_demo_s_organs_overlap_where_one_is_moved_into_the_other():
     organs = pelvic_organs()
     shift = np.eye(4)
     shift[1, 3] = 8.0
