@@ -45,6 +45,14 @@ def remembered(one_net, monkeypatch):
     remember(monkeypatch)
 
 
+@pytest.fixture
+def few_points(monkeypatch):
+    """Compare surfaces by a tenth of the usual points, for tests of what is around a comparison."""
+    from VICRegistrationLib.analysis.comparison import compare
+
+    monkeypatch.setitem(compare.__kwdefaults__, "n_points", 1000)
+
+
 @pytest.fixture(scope="module")
 def small_pictures():
     """Draw pictures with few pixels, for tests that do not look at them."""

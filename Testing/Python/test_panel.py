@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("remembered", "few_points")
 
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 
