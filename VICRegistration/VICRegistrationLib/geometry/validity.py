@@ -207,6 +207,8 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
     """Look for triangles that cross without being neighbours."""
     resolution = _even_resolution(surface)
     mesh = triangulate(surface, resolution=resolution)
+    if surface.closed and _is_star(mesh.points, mesh.triangles):
+        return None
     pairs = _crossing_triangles(mesh.points, mesh.triangles)
     if not len(pairs):
         return None
@@ -238,6 +240,19 @@ def _even_resolution(surface: BSplineSurface) -> tuple[int, int]:
     lengths = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).sum(axis=axis).max() for axis in (0, 1)]
     edge = np.sqrt(lengths[0] * lengths[1] / (_LEAST_SAMPLES[0] * _LEAST_SAMPLES[1]))
     return tuple(max(size - 1, int(np.ceil(length / edge))) for size, length in zip(grid.shape, lengths))
+
+
+def _is_star(points: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether rays from the middle of a closed mesh meet it just once, so that none of its triangles cross."""
+    corners = (points - points.mean(axis=0))[triangles].transpose(1, 0, 2)
+    volumes = np.einsum("nk,nk->n", corners[0], np.cross(corners[1], corners[2]))
+    if not volumes.min() > 1e-12 * volumes.max():
+        return False
+    # Solid angles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30:125, 1983) that cover the sphere once.
+    a, b, c = np.linalg.norm(corners, axis=2)
+    ab, bc, ca = (np.einsum("nk,nk->n", corners[i], corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
+    angles = 2.0 * np.arctan2(volumes, a * b * c + ab * c + bc * a + ca * b)
+    return bool(angles.sum() < 6.0 * np.pi)
 
 
 def _crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
