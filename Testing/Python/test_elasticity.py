@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -45,9 +46,10 @@ def lame_energy(material):
     return 0.5 * PRESSURE * 4.0 * np.pi * INNER**2 * lame_displacement(INNER, material)
 
 
-def pressed_sphere(level, *, order, material, **options):
+@lru_cache(maxsize=1)
+def pressed_sphere(level, *, order, material):
     mesh = hollow_ball(INNER, OUTER, level=level, layers=2 ** (level - 1), order=order, center=CENTER)
-    return solve(mesh, InnerPressure(PRESSURE, **options), material)
+    return solve(mesh, InnerPressure(PRESSURE), material)
 
 
 def orders(errors):
@@ -82,8 +84,15 @@ def test_an_outer_pressure_gives_a_uniform_compression():
     np.testing.assert_allclose(found.displacement, uniform * (mesh.points - CENTER), atol=1e-7)
 
 
-@pytest.mark.parametrize("poisson", [0.3, 0.45])
-@pytest.mark.parametrize(("order", "levels", "least"), [(1, (1, 2, 3), 1.7), (2, (1, 2, 3), 3.6)])
+@pytest.mark.parametrize(
+    ("order", "levels", "least", "poisson"),
+    [
+        (1, (1, 2, 3), 1.7, 0.3),
+        (1, (1, 2, 3), 1.7, 0.45),
+        pytest.param(2, (1, 2, 3), 3.6, 0.3, marks=pytest.mark.long),
+        (2, (1, 2, 3), 3.6, 0.45),
+    ],
+)
 def test_energy_converges_at_the_element_s_order_to_lame_s_solution(order, levels, least, poisson):
     material = Material(young=100.0, poisson=poisson)
     errors = np.array([pressed_sphere(level, order=order, material=material).energy for level in levels])
@@ -126,6 +135,7 @@ def test_the_foundation_carries_the_whole_weight():
     np.testing.assert_allclose(found.force, [0.0, 0.0, -1e-3 * GRAVITY * volume], rtol=1e-4, atol=1e-6)
     # A rigid ball sinks by weight / (k area).
     sunk = 1e-3 * GRAVITY * volume / (0.5 * 4.0 * np.pi * 30.0**2)
+    mesh = ball(30.0, level=2, order=2, center=CENTER)
     rigid = solve(
         mesh, SelfWeight(direction=(0.0, 0.0, -1.0), foundation=0.5), dataclasses.replace(material, young=1e5)
     )
