@@ -30,9 +30,11 @@ def test_the_module_is_told_to_slicer(slicer_module):
     assert "10.1111/str.12305" in parent.acknowledgementText
 
 
-def test_the_phantom_is_offered_as_sample_data(slicer_module):
+def test_the_phantom_is_offered_as_sample_data(slicer_module, pelvis, monkeypatch):
     import SampleData
 
+    # As it is painted for other tests too.
+    monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
     slicer.app.startupCompleted()
     source = SampleData.SampleDataLogic().sourceForSampleName("VIC pelvis phantom")
     volume = source.customDownloader(source)
