@@ -263,6 +263,7 @@ def test_a_seed_may_begin_with_a_minus_sign(words):
     assert options.threshold == (-5.0, 7.0)
 
 
+@pytest.mark.usefixtures("one_net")
 def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     whole = ellipsoid_image()
     # Slices run from left to right (k), pixels from front to back (i) and from top to bottom (j).
