@@ -30,7 +30,7 @@ def one_net(monkeypatch):
     """Fit without trying a finer net, for tests where any surface does: that takes most of the time."""
     from VICRegistrationLib.registration import automatic
 
-    def finer(plan, scaled, found, options, anchor):
+    def finer(plan, found, options, anchor):
         yield from ()
         return found, "no finer one was tried"
 

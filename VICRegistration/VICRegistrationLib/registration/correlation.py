@@ -342,16 +342,19 @@ class Correlation:
         ----------
         q : (n_dof,) ndarray
         tangential, normal : float
-            Weights of the displacement within the tangent plane at q and along the normal. Where the levels are
-            estimated and differ less than elsewhere on the organ, that along the normal is up to `_LARGEST_DOUBT` times
-            larger: a weak edge is easily mistaken for its neighbour.
+            Weights of the displacement within the tangent plane at q and along the normal. Where voxels are longer
+            along the normal than at the finest, that along the normal is smaller by the square of how much: there the
+            surface at q is known less, as it comes from whole voxels. Where the levels are estimated and differ less
+            than elsewhere on the organ, it is up to `_LARGEST_DOUBT` times larger: a weak edge is easily mistaken for
+            its neighbour.
         """
+        frame = self.frame(q)
         if self.levels.adaptive and normal > 0.0:
             self.refresh(q)
             step = np.abs(self._held.inside - self._held.outside)
             doubt = (self._held.contrast / np.maximum(step, 1e-12 * self._held.contrast)) ** 4
-            normal = normal * np.clip(doubt, 1.0, _LARGEST_DOUBT)[:, None, None]
-        frame = self.frame(q)
+            share = np.clip(doubt, 1.0, _LARGEST_DOUBT) / self.levels.blur(frame.normals) ** 2
+            normal = normal * share[:, None, None]
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         area = frame.length / frame.length.sum()
         return self.quadratic_form(area[:, None, None] * (tangential * np.eye(3) + (normal - tangential) * along))

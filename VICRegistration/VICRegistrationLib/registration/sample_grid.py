@@ -23,7 +23,7 @@ class SampleGrid:
     Parameters
     ----------
     shape : (n_u, n_v)
-        Number of parameters in each direction: midpoints of equal intervals, so that poles and seam are not hit.
+        Number of parameters in each direction.
     bases : six (n_u * n_v, n_control) csr_matrix
         Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v, S_uu, S_uv, S_vv.
     """
@@ -34,16 +34,35 @@ class SampleGrid:
     _products: dict = field(default_factory=dict, repr=False)
 
     @classmethod
-    def on(cls, surface: BSplineSurface, shape: tuple[int, int]) -> SampleGrid:
-        """Grid of n_u x n_v samples for surfaces with the same degrees and knots as this one."""
+    def on(cls, surface: BSplineSurface, shape: tuple[int, int], *, between: bool = False) -> SampleGrid:
+        """Grid for surfaces with the same degrees and knots as this one.
+
+        Parameters
+        ----------
+        surface : BSplineSurface
+        shape : (n_u, n_v)
+            Equal intervals: the samples are their midpoints, so that poles and seam are not hit.
+        between : bool
+            Take the ends of the intervals instead, but for the poles: n_u x (n_v - 1) samples as far from the others
+            as can be.
+
+        Returns
+        -------
+        SampleGrid
+        """
         one_way = []
-        for degree, knots, n in zip(surface.degrees, (surface.knots_u, surface.knots_v), shape):
+        shares = [(np.arange(n) + 0.5) / n for n in shape]
+        if between:
+            shares = [np.arange(shape[0]) / shape[0], np.arange(1, shape[1]) / shape[1]]
+        for degree, knots, share in zip(surface.degrees, (surface.knots_u, surface.knots_v), shares):
             low, high = bspline.domain(degree, knots)
-            x = low + (high - low) * (np.arange(n) + 0.5) / n
+            x = low + (high - low) * share
             one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1, 2)])
         along_u, along_v = one_way
         orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-        return cls(tuple(shape), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders))
+        return cls(
+            tuple(map(len, shares)), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders)
+        )
 
     def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
         """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
