@@ -180,6 +180,9 @@ def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
     assert organ["separated_volume_ml"] < 0.98 * ELLIPSOID_ML
     record = read_surface_record(tmp_path / "b.json")
     assert organ["net"] == record.net != "9x7"
+    net = next(choice for choice in organ["choices"] if choice["option"] == "net")
+    assert net["value"] == record.net
+    assert "for boundary points" in net["reason"]
     with (tmp_path / "b_convergence.csv").open(newline="") as file:
         assert [row["stage"] for row in csv.DictReader(file)][-1] == "boundary points"
 
@@ -270,10 +273,13 @@ def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     cut = whole.crop((0, 0, 0), (11, *whole.array.shape[1:]))
     write_image(cut, tmp_path / "mri.nrrd")
     seed = "-18,8,-20"
-    assert fit(tmp_path / "mri.nrrd", "--organ", "b", "--seed", seed, "--output", tmp_path, "--no-pictures") == 0
+    words = ("--organ", "b", "--seed", seed, "--output", tmp_path, "--no-pictures", "--quiet")
+    assert fit(tmp_path / "mri.nrrd", *words) == 0
     organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
     assert organ["touches_border"] == ["right"]
-    assert "reaches the border of the image (right)" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "reaches the border of the image (right)" in told
+    assert all("warning" in line for line in told.splitlines())
     assert any("reaches the border" in warning for warning in organ["warnings"])
 
 

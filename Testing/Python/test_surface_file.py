@@ -196,7 +196,8 @@ def test_numbers_beyond_the_range_of_doubles_are_refused(path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"degrees": [3]}, "has 1 degrees; give two"),
+        ({"degrees": [3]}, "has the degrees [3]; give two whole numbers"),
+        ({"degrees": [3.0, 3]}, "has the degrees [3.0, 3]; give two whole numbers"),
         ({"degrees": [3, 0]}, "Degree 0 was given"),
         ({"degrees": [3, "3"]}, "The degrees of"),
         ({"degrees": 3}, "The degrees of"),

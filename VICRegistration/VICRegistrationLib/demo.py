@@ -60,6 +60,7 @@ def run_demo(directory: Path) -> Path:
         step=True,
         references=_references(phantom.surfaces, directory / "phantom" / "truth"),
         say=_say,
+        warn=_say,
     )
     _write_mesh(organs, directory / "mesh")
     print("\nDeviation of the fitted surfaces from the true ones (signed: positive is outside of the truth):\n")

@@ -186,7 +186,7 @@ def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
     ]
     lines = ["   ·   ".join(parts)]
     if reference is not None:
-        found = deviation(fit.surface, reference, n_points=2000)
+        found = deviation(fit.surface, reference)
         lines.append(
             f"deviation from the reference: mean {found.mean:.2f} mm, signed {found.mean_signed:+.2f} mm, "
             f"95 % below {found.p95:.2f} mm, largest {found.maximum:.2f} mm"

@@ -261,7 +261,7 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     )
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
-    what.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    what.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

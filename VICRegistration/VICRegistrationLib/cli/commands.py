@@ -37,6 +37,7 @@ def fit(options: argparse.Namespace) -> None:
         pictures=not options.no_pictures,
         step=options.step,
         say=speaker(options.quiet),
+        warn=speaker(),
     )
 
 

@@ -35,6 +35,7 @@ def fit_to_folder(
     references: Mapping[str, OrganReference] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
     say: Callable[[str], None] = lambda line: None,
+    warn: Callable[[str], None] = lambda line: None,
 ) -> tuple[FittedOrgan, ...]:
     """Fit organs and write their files and the report: all of them, or nothing.
 
@@ -55,8 +56,8 @@ def fit_to_folder(
         What the surfaces are compared with in pictures and report.html, by the organs' names.
     inputs : sequence of path
         Files besides the image that must not be replaced, such as the configuration.
-    say : callable
-        Gets a line of progress after every stage.
+    say, warn : callable
+        Get a line of progress after every stage, and every warning.
 
     Returns
     -------
@@ -83,11 +84,11 @@ def fit_to_folder(
         organs = tuple(_fitted(image, request, say) for request in requests)
         for organ in organs:
             write_organ(organ, drafts)
-            _tell_warnings(organ, image, say, step=step)
+            _tell_warnings(organ, image, warn, step=step)
         solids = write_solids(organs, drafts) if step else ()
         if pictures:
             source = Source(str(image_path), series or "")
-            _write_pictures(organs, drafts, image, source, references=references or {}, solids=solids, say=say)
+            _write_pictures(organs, drafts, image, source, references=references or {}, solids=solids, warn=warn)
         write_report(
             drafts,
             organs,
@@ -101,11 +102,11 @@ def fit_to_folder(
     return organs
 
 
-def _tell_warnings(organ: FittedOrgan, image: Image, say: Callable[[str], None], *, step: bool) -> None:
+def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
     for warning in warnings_about(image, organ.fit):
-        say(f"{organ.name}: warning: {warning}")
+        warn(f"{organ.name}: warning: {warning}")
     if step and organ.fit.problems:
-        say(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+        warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
 def _write_pictures(
@@ -116,7 +117,7 @@ def _write_pictures(
     *,
     references: Mapping[str, OrganReference],
     solids: Sequence[str],
-    say: Callable[[str], None],
+    warn: Callable[[str], None],
 ) -> None:
     """Write a picture of each organ, one of all of several, and the page that people read."""
     compared = compared_organs(organs, references)
@@ -130,7 +131,7 @@ def _write_pictures(
         overview_picture(drafts / OVERVIEW, image, fits, references=shapes)
     for name, found in compared.items():
         for warning in found.warnings:
-            say(f"{name}: warning: {warning}")
+            warn(f"{name}: warning: {warning}")
     write_page(drafts, organs, image, source, compared=compared, solids=solids)
 
 

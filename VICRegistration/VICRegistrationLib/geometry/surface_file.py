@@ -194,8 +194,8 @@ def _surface_of(content: dict, path: Path) -> BSplineSurface:
         if not isinstance(values, list) or any(type(value) not in (int, float) for value in values):
             msg = f"The {key.replace('_', ' ')} of {path} holds something that is no number; give numbers only."
             raise ValueError(msg)
-    if len(content["degrees"]) != 2:
-        msg = f"The file {path} has {len(content['degrees'])} degrees; give two, in u and in v."
+    if len(content["degrees"]) != 2 or any(type(degree) is not int for degree in content["degrees"]):
+        msg = f"The file {path} has the degrees {content['degrees']}; give two whole numbers, in u and in v."
         raise ValueError(msg)
     try:
         return BSplineSurface(tuple(content["degrees"]), content["knots_u"], content["knots_v"], rows)

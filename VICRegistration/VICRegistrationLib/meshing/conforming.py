@@ -174,8 +174,8 @@ def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping], name: 
         exact = region.volume
         if not abs(volume["whole"] - exact) <= _MISREAD * exact:
             msg = (
-                f"{name} has read {region.group} with {volume['whole'] / 1000.0:.3g} ml instead of "
-                f"{exact / 1000.0:.3g} ml; use the other mesher."
+                f"{name} has read {region.group} with {volume['whole'] / 1000.0:.6g} ml instead of "
+                f"{exact / 1000.0:.6g} ml; use the other mesher."
             )
             raise MeshingError(msg)
         kept[region.group] = exact - sum(_given(volume).values())

@@ -110,7 +110,7 @@ def _warnings_about_fit(fit: OrganFit) -> list[str]:
     if abs(volume - separated) > _LARGEST_CHANGE * separated:
         sentences.append(
             f"The surface holds {volume:.1f} ml, but the separated region {separated:.1f} ml; look at the contour, and "
-            "give another threshold or erosion if the region is wrong, or a larger net if the surface is."
+            "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."
         )
     return [*sentences, *_warnings_about_reach(fit)]
 

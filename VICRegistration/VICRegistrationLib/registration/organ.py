@@ -294,6 +294,15 @@ def _result(
     """Put together what came out."""
     steps = (*history, *correction)
     surface = steps[-1].surface
+    net = net_of(surface, options.closure)
+    if net != net_of(uncorrected, options.closure):
+        size = "{}x{}".format(*net)
+        choices = tuple(
+            replace(choice, value=size, reason=f"{choice.reason}; made finer from {choice.value} for boundary points")
+            if choice.option == "net"
+            else choice
+            for choice in choices
+        )
     return OrganFit(
         surface=surface,
         region=region,
@@ -302,7 +311,7 @@ def _result(
         cost_initial=cost_initial,
         cost_final=steps[-1].cost,
         seconds=time.perf_counter() - start,
-        options=replace(options, net=net_of(surface, options.closure)),
+        options=replace(options, net=net),
         boundary_points=points if _count(points, options) else points[:0],
         uncorrected=uncorrected,
         choices=choices,
