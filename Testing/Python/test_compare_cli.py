@@ -73,6 +73,15 @@ def rows(text):
 # ------------------------------------------------------------------ table
 
 
+def test_a_surface_that_is_no_valid_one_is_compared_with_a_warning(tmp_path, truth, capsys):
+    surface = ball(11.0, CENTERS["bladder"])
+    net = surface.control_net.copy()
+    net[:, [3, 6]] = net[:, [6, 3]]
+    write_surface(surface.with_control_net(net), tmp_path / "bladder.json", name="bladder")
+    assert run(tmp_path / "bladder.json", truth / "bladder.json", "--points", 500) == 0
+    assert "warning: bladder: The surface" in capsys.readouterr().err
+
+
 def test_an_organ_gets_its_distances_both_ways(fitted, truth, capsys):
     assert run(fitted["bladder"], truth / "bladder.json", "--points", 500) == 0
     titles, there, back, others, common = rows(capsys.readouterr().out)

@@ -22,8 +22,9 @@ _OUTSIDE_COLOUR = "#1b1f27"
 # As many as there are stages at most: both nets, the coarser one kept, boundary points.
 _STAGE_COLOURS = (
     *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
-    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e"),
+    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e", "#c77dba", "#3a3f47"),
 )
+_FEW_STAGES = 7
 _MARGIN_MM = 18.0
 
 
@@ -286,4 +287,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
     axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
     axes.set_axisbelow(True)
     bare(axes)
-    axes.legend(fontsize=9, frameon=False, title="stage (iterations)", title_fontsize=9)
+    size = 9.0 if len(stages) <= _FEW_STAGES else 7.0
+    # White behind the names: with many stages they reach down to the curves.
+    legend = axes.legend(fontsize=size, title="stage (iterations)", title_fontsize=size, framealpha=0.85)
+    legend.get_frame().set_edgecolor("none")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..export.mesh_reading import READABLE_MESHES
 from ..files import keep_inputs, replacing_folder
+from ..geometry.validity import check_surface
 from . import references, values
 from .comparison_files import (
     CSV,
@@ -103,8 +104,9 @@ def run(options: argparse.Namespace) -> None:
     paths = references.reference_paths(options.reference, [solid.name for solid in solids])
     organs = _compared(solids, paths, options) if options.output is None else _written(solids, paths, options)
     print(comparison_table(organs))
-    for organ in organs:
-        for warning in organ.warnings:
+    for solid, organ in zip(solids, organs):
+        # Distances from a surface that is torn or folded are numbers all the same.
+        for warning in (*organ.warnings, *(problem.message for problem in check_surface(solid.surface))):
             print(f"warning: {organ.name}: {warning}", file=sys.stderr)
     if options.output is not None:
         speaker()(f"results written to {options.output}")
