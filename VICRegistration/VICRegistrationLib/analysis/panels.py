@@ -19,10 +19,10 @@ from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
 
 _REGION_COLOUR = "#ffffff"
 _OUTSIDE_COLOUR = "#1b1f27"
-# As many as there are stages at most: both nets, the coarser one kept, boundary points.
+# As many as there are stages at most: of three nets, the coarser one kept, boundary points.
 _STAGE_COLOURS = (
     *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
-    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e", "#c77dba", "#3a3f47"),
+    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e", "#c77dba", "#3a3f47", "#e56b6f"),
 )
 _FEW_STAGES = 7
 _MARGIN_MM = 18.0

@@ -71,9 +71,9 @@ class Panel(VTKObservationMixin):
         self.separateSection.stopPlacing()
         self.correctSection.stopPlacing()
         self._volumeBinding.release()
-        self._followOrgan(None, None)
         # All at once: the mixin holds on to nodes, with their voxels, whose observers are removed one by one.
         self.removeObservers()
+        self._organ = self._volume = None
         for section in (self.separateSection, self.correctSection, self.compareSection):
             section.setOrgan(None, None)
         self.advancedSection.setOrgan(None)

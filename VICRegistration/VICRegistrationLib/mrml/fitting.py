@@ -11,7 +11,7 @@ from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, remov
 from .parameters import OrganState, RegionSource
 from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
-from .surfaces import carriesSurface, showSurface, surfaceFromModel, worldVolumeMl
+from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
 
 
@@ -151,8 +151,9 @@ def updateVolume(organ):
         Without a surface, or with one whose triangles others have changed, nothing is done.
     """
     fitted = organ.surface is not None and organ.state in (OrganState.FITTED, OrganState.UNSETTLED)
-    if fitted and carriesSurface(organ.surface):
-        organ.volumeMl = float(worldVolumeMl(organ.surface, surfaceFromModel(organ.surface)))
+    surface = surfaceIfAny(organ.surface) if fitted else None
+    if surface is not None:
+        organ.volumeMl = float(worldVolumeMl(organ.surface, surface))
 
 
 def canBeSeparated(organ):

@@ -8,7 +8,7 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
-from .surfaces import carriesSurface, surfaceFromModel
+from .surfaces import surfaceIfAny
 from .volumes import transformedPoints
 
 # Of the triangles that stand for an exact surface under a transform that bends it, mm.
@@ -50,7 +50,8 @@ def referenceFor(modelNode, reference, segmentId=""):
     if reference.IsA("vtkMRMLSegmentationNode"):
         found = _meshOfSegment(reference, segmentId)
     elif reference.IsA("vtkMRMLModelNode"):
-        found = surfaceFromModel(reference) if carriesSurface(reference) else _meshOfModel(reference)
+        surface = surfaceIfAny(reference)
+        found = _meshOfModel(reference) if surface is None else surface
     else:
         raise ValueError(
             _("The input {name} is no reference; a segmentation or a model of the scene is needed.").format(

@@ -110,8 +110,8 @@ def _isMoving(data, count):
     )
 
 
-def carriesSurface(modelNode):
-    """Whether a model carries a B-spline surface, and shows it.
+def surfaceIfAny(modelNode):
+    """Surface that a model carries and shows, if there is one.
 
     Parameters
     ----------
@@ -119,17 +119,13 @@ def carriesSurface(modelNode):
 
     Returns
     -------
-    bool
-        False as well where another module has changed the triangles.
+    VICRegistrationLib.geometry.surface.BSplineSurface or None
+        As of :func:`surfaceFromModel`; None as well where another module has changed the triangles.
     """
-    data = modelNode.GetPolyData()
-    if data is None or not data.GetFieldData().HasArray("control_net"):
-        return False
     try:
-        surfaceFromModel(modelNode)
+        return surfaceFromModel(modelNode)
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def surfaceFromModel(modelNode, *, corrected=True):
@@ -182,20 +178,21 @@ def _matrixTo(data, surface):
     from ..geometry.projection import closest_points
     from ..geometry.triangulation import triangulate
 
-    points = vtk_to_numpy(data.GetPoints().GetData()).astype(float) if data.GetNumberOfPoints() else np.empty((0, 3))
-    if not len(points):
+    if not data.GetNumberOfPoints():
         return None
-    some = points[:: max(len(points) // _CHECKED_POINTS, 1)]
-    if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM:
-        return np.eye(4)
+    points = vtk_to_numpy(data.GetPoints().GetData()).astype(float)
     places = triangulate(surface, chord_error=_CHORD_ERROR_MM).points
-    if len(places) != len(points):
-        return None
-    solution = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))]), points, rcond=None)[0]
-    matrix = np.eye(4)
-    matrix[:3] = solution.T
-    off = np.abs(places @ matrix[:3, :3].T + matrix[:3, 3] - points).max()
-    return matrix if off <= _OWN_MM else None
+    if len(places) == len(points):
+        if np.abs(places - points).max() <= _OWN_MM:
+            return np.eye(4)
+        solution = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))]), points, rcond=None)[0]
+        matrix = np.eye(4)
+        matrix[:3] = solution.T
+        if np.abs(places @ matrix[:3, :3].T + matrix[:3, 3] - points).max() <= _OWN_MM:
+            return matrix
+    # Other triangles of the same surface, as of a file; slower to find out.
+    some = points[:: max(len(points) // _CHECKED_POINTS, 1)]
+    return np.eye(4) if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM else None
 
 
 def isAlone(modelNode):

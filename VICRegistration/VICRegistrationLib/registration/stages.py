@@ -201,7 +201,7 @@ def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate,
 def promise(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> float:
     """Share of its cost and energies that a stage expects of one Gauss-Newton step from the parametrization's surface.
 
-    What a whole stage brings is two to three times as much, where the surface already lies near the edge.
+    What a whole fit brings is about twice as much, where the surface already lies near the edge.
     """
     correlation = stage.correlation(parametrization, grid)
     objective = Objective(correlation, stiffness=stiffness(stage, correlation))
