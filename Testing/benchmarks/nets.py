@@ -15,9 +15,10 @@ NETS = ((9, 7), (17, 11), (33, 19))
 
 
 def report(*, quick: bool) -> str:
-    """Fit every organ with each net, whatever the criterion would choose."""
+    """Fit every organ with each net, whatever the criterion would choose; and tell what it chooses, and why."""
     found = bladders()
     cases = [*demo_cases(), *(real_case(bladder) for bladder in found[: 0 if quick else None])]
+    reasons = []
     rows = [["organ", "net", "cost", "both mm", "both 95 %", "normals deg", "time / 9x7"]]
     for case in cases[: 1 if quick else None]:
         region, first = separate(case.image, case.seeds), 0.0
@@ -29,4 +30,9 @@ def report(*, quick: bool) -> str:
             off = of_surface(fit.surface, case)
             sizes = (f"{fit.cost_final:.4f}", f"{off.both.mean:.3f}", f"{off.both.p95:.2f}", f"{off.angle:.1f}")
             rows.append([case.name, "{}x{}".format(*net), *sizes, f"{seconds / first:.1f}"])
-    return f"  Nets given; the rest is chosen. Measures as in accuracy, whose nets are chosen.\n\n{table(rows)}"
+        chosen = next(c for c in finish(fit_region(case.image, region)).choices if c.option == "net")
+        reasons.append(f"  - {case.name}: {chosen.value}, {chosen.reason}")
+    return (
+        "  Nets given; the rest is chosen. Measures as in accuracy, whose nets are chosen.\n\n"
+        f"{table(rows)}\n\n  Chosen where none is given:\n" + "\n".join(reasons)
+    )
