@@ -28,13 +28,9 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def one_net(monkeypatch):
     """Fit without trying a finer net, for tests where any surface does: that takes most of the time."""
-    from VICRegistrationLib.registration import automatic
+    from VICRegistrationLib.registration import finer_nets
 
-    def finer(plan, found, options, anchor):
-        yield from ()
-        return found, "no finer one was tried"
-
-    monkeypatch.setattr(automatic, "fit_finer", finer)
+    monkeypatch.setattr(finer_nets, "_MOST_HALVINGS", 0)
 
 
 @pytest.fixture

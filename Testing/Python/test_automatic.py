@@ -119,9 +119,9 @@ def test_in_noise_a_net_that_promises_too_little_is_not_tried(dented):
 
 
 def test_noise_takes_a_share_of_the_cost():
-    # 300 degrees of freedom move 100 places along the normal; 1000 mm^3 hold 1000 voxels of 1 mm.
-    assert noise_share(300, 1000.0, np.eye(3)) == pytest.approx(0.1)
-    assert noise_share(300, 1000.0, np.diag([1.0, 1.0, -2.0])) == pytest.approx(0.2)
+    # 300 degrees of freedom move 100 places along the normal.
+    assert noise_share(300, 1000.0) == pytest.approx(0.1)
+    assert noise_share(300, 500.0) == pytest.approx(0.2)
 
 
 # ------------------------------------------------------------------ tau and smoothness
@@ -209,7 +209,7 @@ def test_an_image_of_nothing_but_tissue_does_not_tear_a_surface_apart():
     assert reach.max() < 1.7
     hold = choices(fit).get("hold on the region")
     assert hold is not None
-    assert hold.value.endswith("times tighter") or hold.value == "the region's own surface"
+    assert "times tighter, with" in hold.value
     assert fit.confidence.unsupported_share > 0.3
 
 

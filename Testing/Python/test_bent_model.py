@@ -35,7 +35,7 @@ def test_the_axis_of_a_bent_organ_is_found(degrees):
     axis = bent_axis(distance)
     points = axis.points @ frame[:3, :3].T + frame[:3, 3]
     off, _ = cKDTree(truth).query(points[np.abs(axis.places) < 0.7])
-    # The region is known on a grid of some 2.6 mm.
+    # The region is known on a grid of some 1.6 mm.
     assert off.max() < 2.0
     assert axis.bend > 1.5
     widths = np.sqrt(np.abs(np.linalg.det(axis.sections)))[np.abs(axis.places) < 0.3]
@@ -94,9 +94,10 @@ def test_the_demo_s_organs_need_no_tube(organ, pelvis):
     assert bent_model(distance, (9, 7), "smooth") is None
 
 
-@pytest.mark.parametrize("seed", [1014, 1072])
-def test_eggs_are_left_to_the_ellipsoid(seed):
-    """Their axes are crooked, but tubes along them fold."""
+@pytest.mark.parametrize("seed", [1062, 1070])
+def test_eggs_are_left_to_the_ellipsoid(monkeypatch, seed):
+    """Their axes are crooked, but tubes along them are farther off."""
+    monkeypatch.setattr(bent_model_module, "_BENT", 0.8)
     surface = random_organ(seed)
     image, seeds = painted(surface, seed=seed)
     region = separate(image, seeds)

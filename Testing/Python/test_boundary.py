@@ -260,9 +260,9 @@ def test_a_surface_beside_the_edge_is_brought_to_it(image, options):
 
 def test_a_surface_at_the_edge_stays(image, fit):
     found = finish(refit(image, fit.surface, fit.options))
-    # Anywhere at most a fifth of a pixel, as from other seeds.
+    # The grey levels alone say nearly what they and the region have said: anywhere within a third of a pixel.
     distances = closest_points(fit.surface, points_on(found.surface, 500)).distances
-    assert np.abs(distances).max() < 0.24
+    assert np.abs(distances).max() < 0.4
 
 
 def test_the_region_is_handed_on(image, fit):

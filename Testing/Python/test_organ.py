@@ -243,8 +243,7 @@ def test_nothing_happens_before_the_first_step(image):
     [
         ((0, 0, 0), (14, 56, 52), {"k+"}, None),
         ((0, 0, 0), (11, 56, 52), {"k+"}, (9, 7)),
-        # The cut is worth a net of 33x19 to it.
-        pytest.param((0, 0, 0), (11, 56, 52), {"k+"}, None, marks=pytest.mark.long),
+        ((0, 0, 0), (11, 56, 52), {"k+"}, None),
         ((0, 0, 0), (22, 30, 52), {"j+"}, None),
         ((6, 20, 20), (22, 56, 52), {"k-", "j-", "i-"}, None),
     ],
@@ -256,8 +255,8 @@ def test_an_organ_cut_by_the_volume_closes_near_its_border(image, start, stop, f
     assert set(found.region.touches_border) == faces
     ijk = volume.to_ijk(points_on(found.surface, 2000))
     beyond = np.maximum(np.maximum(-0.5 - ijk, ijk - (volume.size - 0.5)), 0.0) * volume.spacing
-    # Nothing is known there; within a slice of 3 mm. Measured: up to 1.9 mm in a corner of three faces.
-    assert beyond.max() <= 3.0
+    # Nothing is known there; within half a slice of 3 mm.
+    assert beyond.max() <= 1.5
     assert found.problems == ()
     assert found.surface.volume() / 1000.0 == pytest.approx(found.region.volume_ml, rel=0.1)
     # Away from the border it is the same organ.

@@ -1,7 +1,8 @@
 """What a fit chooses by itself: the width of the edge, the stiffness, and the control net.
 
 - *tau* is the width of the edge in the image, measured across the surface after the first stage on the grey levels.
-- *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike.
+- *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike, and in how
+  many voxels that was seen.
 - *net*: all is fitted with 9x7 control points, then again with finer nets while the image is worth them, see
   :mod:`.finer_nets`.
 - A surface that folds or goes far away from the region is fitted again, held tighter to it.
@@ -14,28 +15,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.parametrization import Parametrization, affine
+from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .edge_width import PROFILE_PIXELS, edge_width
 from .finer_nets import fit_finer
+from .holding import hold
 from .nets import net_of
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
-from .sample_grid import SampleGrid
 from .stages import Step, cost_of, last_step
 
-# Smoothness for a mean squared residual of 1. Tried 1e-3 to 1.5e-2 on phantoms and real bladders: more takes the
-# wrinkles out of a net that is finer than the organ (normals of the vagina 8 to 4 degrees off), and then its folds.
-_STIFFNESS = 1e-2
+# Smoothness for a mean squared residual of 1 seen in one voxel. It shrinks with the square root of the number of
+# voxels: noise averages out as fast as that number grows, uneven tissue does not. More takes the wrinkles out of a net
+# that is finer than the organ, and then its folds. Tried 0.6 to 2.4 on phantoms and real bladders; and 120 without the
+# root, with which two of five seeds in a real bladder (p5) gave a surface that had to be held.
+_STIFFNESS = 1.2
 _STIFFNESS_TO_START = 1e-5
 # Weight against leaving the separated region for a mean squared residual of 1: the less the image looks like an edge,
-# the more the region counts. Tried 1.5 to 40 on phantoms and real bladders: less lets thresholds and seeds show
-# (0.036 in place of 0.018 mm), more lets the terraces.
-_HOLD = 10.0
-# How much tighter the region holds a surface that goes astray without.
-_TIGHTER = (10.0, 100.0)
+# the more the region counts. It grows with the square of that residual, as the image knows the less by it and is the
+# likelier to show something else. Tried 400 to 600, and 10 to 100 without the square, on phantoms and real bladders:
+# less lets the surface stop short of thin grey rims, more cuts corners and lets the terraces.
+_HOLD = 600.0
+# No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
+_CLEAREST = 1.0 / 60.0
 _GIVEN = "as asked for"
 
 
@@ -91,34 +95,41 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     -------
     Outcome
     """
-    first = net = net_of(model, options.closure)
-    closed, grid = machinery(net, options.closure)
+    first = net_of(model, options.closure)
+    closed, grid = machinery(first, options.closure)
     scaling, region = plan.region_stages(options)
     scaled = yield from last_step(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
     near = yield from last_step(region, closed.at(scaled.surface), grid)
     coarse, _ = plan.grey_level_stages(_to_start_with(options, plan.pixel))
     caught = yield from last_step(coarse, closed.at(near.surface), grid)
     chosen, choices = _chosen(plan, caught, options)
-    anchor = _HOLD * caught.cost
+    chosen = replace(chosen, net=first)
+    anchor = _HOLD * caught.cost * max(caught.cost, _CLEAREST)
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
     found = yield from last_step(fine, closed.at(caught.surface), grid)
+    held = []
     lost = plan.astray(found.surface)
     if lost:
-        found, held = yield from _held(plan, (near, scaled), closed, grid, chosen, anchor, lost)
-        choices = (*choices, held)
-        why = "no finer one was tried, as the image holds not even this one"
-    elif options.net is None:
-        found, why = yield from fit_finer(plan, found, replace(chosen, net=net), anchor)
-    if options.net is not None:
-        why = _GIVEN
+        spare = ("the scaled model", scaled)
+        found, how = yield from hold(plan, near, spare, (closed, grid), chosen, anchor, lost)
+        held.append(how)
+    found, why, later = yield from fit_finer(plan, found, chosen, anchor, options.net)
     net = net_of(found.surface, options.closure)
-    choices = (Choice("net", f"{net[0]}x{net[1]}", why), *choices)
+    choices = (
+        Choice("net", _size(net), why or _GIVEN),
+        *choices,
+        *(Choice("hold on the region", f"{part.how}, with {_size(part.net)}", part.why) for part in (*held, *later)),
+    )
     halvings = 0
     while net_of(model, options.closure) != net:
         model, halvings = model.refined(), halvings + 1
     closed, grid = machinery(first, options.closure, halvings)
     cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
     return Outcome(replace(chosen, net=net), choices, cost)
+
+
+def _size(net: tuple[int, int]) -> str:
+    return f"{net[0]}x{net[1]}"
 
 
 def _to_start_with(options: FitOptions, pixel: float) -> FitOptions:
@@ -153,8 +164,17 @@ def _chosen(plan: Plan, caught: Step, options: FitOptions) -> tuple[FitOptions, 
     """Choose tau and smoothness by what the image shows across a surface that lies near the edge."""
     tau, why = _tau(plan.sampler, caught.surface, plan.voxel, options)
     share = np.sqrt(caught.cost)
-    noise = f"the image differs from an even edge by {share:.0%} of the contrast, noise and uneven tissue alike"
-    return _with_choices(options, tau, why, _STIFFNESS * caught.cost, noise)
+    voxels = plan.voxels_along(caught.surface, tau)
+    noise = (
+        f"the image differs from an even edge by {share:.0%} of the contrast, noise and uneven tissue alike, "
+        f"in {_rounded(voxels)} voxels along it"
+    )
+    return _with_choices(options, tau, why, _STIFFNESS * caught.cost / np.sqrt(voxels), noise)
+
+
+def _rounded(count: float) -> str:
+    """Two digits of a number, with separators between thousands."""
+    return f"{int(float(f'{count:.2g}')):,}"
 
 
 def _with_choices(
@@ -178,36 +198,6 @@ def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: 
     tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
     held = "" if tau == width else f", held within {LEAST_TAU_PIXELS:g} to {MOST_TAU_PIXELS:g}"
     return tau, f"the edge in the image is {width:.2f} mm wide, {width / pixel:.1f} pixels{held}"
-
-
-def _held(
-    plan: Plan,
-    starts: tuple[Step, Step],
-    closed: Parametrization,
-    grid: SampleGrid,
-    options: FitOptions,
-    anchor: float,
-    lost: str,
-) -> Generator[Step, None, tuple[Step, Choice]]:
-    """Fit again from the region on, held tighter to it until the surface stays.
-
-    `starts` are the surface of the region and the scaled model: the first valid one of them is taken if none does.
-    """
-    near, scaled = starts
-    for factor in _TIGHTER:
-        step = near
-        tighter = replace(options, smoothness=factor * options.smoothness)
-        for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
-            name = f"{stage.name}, held {factor:g} times tighter"
-            step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
-        if not plan.astray(step.surface):
-            return step, Choice("hold on the region", f"{factor:g} times tighter", lost)
-    kept, stage, value = near, "region kept", "the region's own surface"
-    if plan.astray(near.surface):
-        kept, stage, value = scaled, "scaled model kept", "the scaled model"
-    kept = replace(kept, stage=stage, iteration=1, displacement=0.0)
-    yield kept
-    return kept, Choice("hold on the region", value, f"{lost}, however tightly it was held")
 
 
 def placed(

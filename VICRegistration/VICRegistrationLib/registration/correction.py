@@ -46,6 +46,8 @@ _REACH_DEVIATIONS = 1.6
 _SPAN = 0.55
 # The dent of a thin plate on an even bed has sunk to 5 % at 3.2 times the plate's characteristic length.
 _PLATE_LENGTH = 1.0 / 3.2
+# The same between neighbours within reach of each other, as a share of their distance: a row of points makes one dent.
+_NEIGHBOURS = 0.75
 # Hardness of the bed at a point, where 1 is about that of a sharp edge, and how much harder it is at the reach.
 _BED = 0.05
 _BED_GROWTH = 20.0
@@ -183,13 +185,22 @@ class _Patch:
         frame = whole.frame(np.zeros(whole.parametrization.n_dof))
         area = self.area * frame.length[self.lines] / frame.length.sum()
         height = whole.grid.bases[0][self.lines] @ self.shape
-        within = np.where(self.distances <= 1.0, self.reach, self.reach.min()).max(axis=1)
+        lengths = self._plate_lengths()
+        length = np.where(self.distances <= 1.0, lengths, lengths.min()).max(axis=1)
         growth = _BED_GROWTH ** (np.minimum(self.distances.min(axis=1), 1.0) ** 2)
         total = height.T @ sparse.diags(_BED * area * growth) @ height
-        plate = sparse.diags(_BED * area * (_PLATE_LENGTH * within) ** 4)
+        plate = sparse.diags(_BED * area * length**4)
         for factor, second in zip((1.0, 2.0, 1.0), self._second_derivatives(whole, frame)):
             total = total + factor * (second.T @ plate @ second)
         return total.tocsc()
+
+    def _plate_lengths(self) -> np.ndarray:
+        """Characteristic length of the plate at each boundary point, mm: a row of them makes one dent, not a row."""
+        shares = np.full(len(self.reach), _PLATE_LENGTH)
+        if len(shares) > 1:
+            apart = cKDTree(self.feet.points).query(self.feet.points, k=2)[0][:, 1] / self.reach
+            shares = np.where(apart <= 1.0, np.maximum(_NEIGHBOURS * apart, shares), shares)
+        return shares * self.reach
 
     def pulled(self, points: np.ndarray, weights: np.ndarray, plate) -> tuple[sparse.csc_matrix, np.ndarray]:
         """Energy of points, plate and bed about their rest: its matrix, and the rest, (n_dof,)."""

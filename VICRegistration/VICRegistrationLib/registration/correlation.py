@@ -346,13 +346,14 @@ class Correlation:
             along the normal than at the finest, that along the normal is smaller by the square of how much: there the
             surface at q is known less, as it comes from whole voxels. Where the levels are estimated and differ less
             than elsewhere on the organ, it is up to `_LARGEST_DOUBT` times larger: a weak edge is easily mistaken for
-            its neighbour.
+            its neighbour. So it is where the volume ends: nothing else holds the surface there.
         """
         frame = self.frame(q)
         if self.levels.adaptive and normal > 0.0:
             self.refresh(q)
             step = np.abs(self._held.inside - self._held.outside)
             doubt = (self._held.contrast / np.maximum(step, 1e-12 * self._held.contrast)) ** 4
+            doubt = np.where(self._read(q).valid.all(axis=1), doubt, _LARGEST_DOUBT)
             share = np.clip(doubt, 1.0, _LARGEST_DOUBT) / self.levels.blur(frame.normals) ** 2
             normal = normal * share[:, None, None]
         along = frame.normals[:, :, None] * frame.normals[:, None, :]

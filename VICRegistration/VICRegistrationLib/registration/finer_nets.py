@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
-import numpy as np
-
+from ..geometry import models
+from ..geometry.parametrization import Parametrization
+from .holding import Held, hold
 from .nets import grid_shape, net_of
 from .options import FitOptions
 from .plan import Plan, machinery
@@ -25,8 +26,10 @@ _PROMISING = 4.0
 _MOST_HALVINGS = 2
 
 
-def fit_finer(plan: Plan, found: Step, options: FitOptions, anchor: float) -> Generator[Step, None, tuple[Step, str]]:
-    """Fit again with finer nets, each with its spans halved, as long as they are worth it.
+def fit_finer(
+    plan: Plan, found: Step, options: FitOptions, anchor: float, wanted: tuple[int, int] | None
+) -> Generator[Step, None, tuple[Step, str, list[Held]]]:
+    """Fit again with finer nets, each with its spans halved, as long as they are worth it or up to one asked for.
 
     Parameters
     ----------
@@ -37,6 +40,8 @@ def fit_finer(plan: Plan, found: Step, options: FitOptions, anchor: float) -> Ge
         With all choices for the first net filled in, and that net.
     anchor : float
         Weight against leaving the surface that a stage on the grey levels begins with.
+    wanted : (rows, columns) or None
+        The net asked for, to which :func:`first_net` leads, or None to choose.
 
     Yields
     ------
@@ -45,59 +50,85 @@ def fit_finer(plan: Plan, found: Step, options: FitOptions, anchor: float) -> Ge
     Returns
     -------
     step : Step
-        That of the finest net that is worth it and gives a valid surface near the region, or `found`.
+        That of the net asked for, or of the finest one that is worth it; `found` if none is.
     why : str
         What each net brought, in plain words.
+    held : list of Held
+        For each net with which the surface went astray at first.
     """
     why: list[str] = []
+    held: list[Held] = []
     _, fine = plan.grey_level_stages(options, anchor=anchor)
-    for halvings in range(1, _MOST_HALVINGS + 1):
+    halvings = 0
+    while net_of(found.surface, options.closure) != wanted and (wanted is not None or halvings < _MOST_HALVINGS):
+        halvings += 1
         finer = found.surface.refined()
         size = net_of(finer, options.closure)
         net = "{}x{}".format(*size)
         closed, grid = machinery(options.net, options.closure, halvings)
         fewer, _ = machinery(options.net, options.closure, halvings - 1)
-        explained = noise_share(closed.n_dof - fewer.n_dof, finer.area() * options.tau, plan.voxel)
+        explained = noise_share(closed.n_dof - fewer.n_dof, plan.voxels_along(finer, options.tau))
         # The first net is too coarse to tell what lies beyond it.
-        if halvings > 1:
+        if wanted is None and halvings > 1:
             promised = promise(fine, closed.at(finer), grid)
             if promised <= _PROMISING * explained:
                 why.append(f"{net} promised {promised:.1%}, of which noise explains {explained:.1%}")
                 break
-        step = replace(found, surface=finer)
-        for stage in (plan.region_stages(options)[1], *plan.grey_level_stages(options, anchor=anchor)):
-            step = yield from last_step(replace(stage, name=f"{stage.name}, {net}"), closed.at(step.surface), grid)
-        between = SampleGrid.on(finer, grid_shape(size), between=True)
-        judge = fine.correlation(closed.at(step.surface), between)
-        gained = 1.0 - cost_of(step.surface, judge) / cost_of(finer, judge)
-        change = "fell" if gained >= 0.0 else "rose"
-        why.append(f"with {net} the cost {change} by {abs(gained):.1%}, of which noise explains {explained:.1%}")
-        lost = plan.astray(step.surface) if gained > explained else ""
-        if lost:
-            why.append(f"but {lost}")
-        if lost or gained <= explained:
-            found = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
-            yield found
-            break
+        step, how = yield from _fit_halved(plan, replace(found, surface=finer), (closed, grid), options, anchor)
+        held += how
+        if wanted is None:
+            between = SampleGrid.on(finer, grid_shape(size), between=True)
+            judge = fine.correlation(closed.at(step.surface), between)
+            gained = 1.0 - cost_of(step.surface, judge) / cost_of(finer, judge)
+            change = "fell" if gained >= 0.0 else "rose"
+            why.append(f"with {net} the cost {change} by {abs(gained):.1%}, of which noise explains {explained:.1%}")
+            if gained <= explained:
+                found = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
+                yield found
+                break
         found = step
-    return found, ", ".join(why)
+    return found, ", ".join(why), held
 
 
-def noise_share(n_dof: int, volume: float, voxel: np.ndarray) -> float:
+def _fit_halved(
+    plan: Plan, found: Step, machinery: tuple[Parametrization, SampleGrid], options: FitOptions, anchor: float
+) -> Generator[Step, None, tuple[Step, list[Held]]]:
+    """Run the stages on the region and on the grey levels from a surface, held tighter if it goes astray."""
+    closed, grid = machinery
+    net = "{}x{}".format(*net_of(found.surface, options.closure))
+    steps = [found]
+    for stage in (plan.region_stages(options)[1], *plan.grey_level_stages(options, anchor=anchor)):
+        stage = replace(stage, name=f"{stage.name}, {net}")
+        steps.append((yield from last_step(stage, closed.at(steps[-1].surface), grid)))
+    lost = plan.astray(steps[-1].surface)
+    if not lost:
+        return steps[-1], []
+    spare = ("the coarser net's surface", found)
+    step, held = yield from hold(plan, steps[1], spare, machinery, options, anchor, lost)
+    return step, [held]
+
+
+def first_net(net: tuple[int, int] | None, closure: str) -> tuple[int, int]:
+    """Tell with which net to begin: the usual one, if halving its spans leads to that asked for, otherwise that."""
+    model = models.closed_organ(models.DEFAULT_NET, closure=closure)
+    while net is not None and net_of(model, closure)[0] < net[0]:
+        model = model.refined()
+    return models.DEFAULT_NET if net in (None, net_of(model, closure)) else net
+
+
+def noise_share(n_dof: int, voxels: float) -> float:
     """Share of the cost that so much more freedom takes off pure noise.
 
     Parameters
     ----------
     n_dof : int
         Degrees of freedom that are new; a third of them moves the surface along its normal.
-    volume : float
-        Of the band around the surface that is compared with the image, mm^3.
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
+    voxels : float
+        How many are compared with the virtual image, see :meth:`.plan.Plan.voxels_along`.
 
     Returns
     -------
     float
         Least squares: each one takes the part of one independent number off, and every voxel is one.
     """
-    return n_dof / 3.0 * abs(np.linalg.det(voxel)) / volume
+    return n_dof / 3.0 / voxels

@@ -16,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry import models
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
@@ -28,6 +27,7 @@ from .bent_model import start_model
 from .boundary import checked_boundary_points
 from .confidence import Confidence, confidence_of
 from .correction import correct
+from .finer_nets import first_net
 from .leash import left_out
 from .nets import closure_of, grid_shape, net_of
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
@@ -176,7 +176,7 @@ def fit_region(
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
     plan = Plan.of(image, region, local_to_ras, options)
-    net = options.net or models.DEFAULT_NET
+    net = first_net(options.net, options.closure)
     ellipsoid = generic_model(pose, net, options.closure)
     model = start_model(plan.target.distance, ellipsoid, net, options.closure)
     history: list[Step] = []

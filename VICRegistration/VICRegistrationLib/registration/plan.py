@@ -30,8 +30,10 @@ REGION_MARGIN_MM = 10.0
 # points drift and loses the surface where there is no edge.
 SLIDING = 0.02
 ANCHOR = 0.05
-# The region is rough (terraces of thick slices), the grey levels are not: it is fitted more stiffly than they are.
-REGION_BENDING = 1e-3
+# The region is fitted as stiffly as its voxels are coarse beside the organ: the weight of the thin-plate energy where a
+# voxel is as large as the organ. Tried 0.08 to 0.5 on phantoms in slices of 4 mm and real bladders in slices of 1 mm:
+# less lets the terraces, more cuts the organ's corners.
+REGION_BENDING = 0.3
 # A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
 # region, which the grey levels will correct anyway.
 COST_TOLERANCE = 3e-3
@@ -121,6 +123,16 @@ class Plan:
         """Finest voxel spacing, mm."""
         return float(np.linalg.norm(self.voxel, axis=0).min())
 
+    def voxels_along(self, surface: BSplineSurface, width: float) -> float:
+        """Tell how many voxels lie in a band around a surface, `width` in mm: what the image says there."""
+        return surface.area() * width / abs(float(np.linalg.det(self.voxel)))
+
+    @property
+    def _coarseness(self) -> float:
+        """Mean square of a voxel's edges in units of the squared radius of a ball of the region's volume."""
+        radius = (3.0 * self.target.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
+        return float(np.mean(np.sum(self.voxel**2, axis=0))) / radius**2
+
     def region_stages(self, options: FitOptions) -> tuple[Stage, Stage]:
         """Plan the stages on the region: global scaling, and local registration."""
         patience, patience_cost = _patience(options)
@@ -137,7 +149,7 @@ class Plan:
         }
         scaling = Stage("global scaling", stop_rule="parameters", reach=0.15, **far)
         tolerance = patience * 3.0 * options.tolerance
-        bending = 0.0 if options.smoothness == 0.0 else REGION_BENDING
+        bending = 0.0 if options.smoothness == 0.0 else REGION_BENDING * self._coarseness
         return scaling, Stage("region", reach=0.02, bending=bending, tolerance=tolerance, **far)
 
     def grey_level_stages(self, options: FitOptions, *, anchor: float | None = None) -> tuple[Stage, Stage]:

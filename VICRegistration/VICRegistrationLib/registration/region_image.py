@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from ..imaging.image import Image
-from ..imaging.sampling import Sampler
+from ..imaging.resampling import resampled, signed_distances
 from ..imaging.separation import Region
 
-# Voxels of the distance image: enough to carry the region's shape, few enough to cost milliseconds.
-_GRID_VOXELS = 20_000
+# Voxels of the distance image: enough to carry the region's shape, few enough to be looked up fast. Each is the mean of
+# 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise.
+_GRID_VOXELS = 100_000
+_FINER = 2
 # With fewer inside there is no shape to speak of.
 _LEAST_VOXELS = 8
 
@@ -67,23 +68,18 @@ def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> 
     matrix = np.eye(4)
     matrix[:3, :3] *= step
     matrix[:3, 3] = origin
-    axes = [origin[axis] + step * np.arange(size[axis]) for axis in range(3)]
-    z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-    points = np.stack([x, y, z], axis=-1) @ local_to_ras[:3, :3].T + local_to_ras[:3, 3]
-    fraction, _ = Sampler(region.image).values(points)
-    inside = fraction >= 0.5
-    if np.count_nonzero(inside) < _LEAST_VOXELS:
+    fine = np.eye(4)
+    fine[:3, :3] *= step / _FINER
+    fine[:3, 3] = origin - step * (1.0 - 1.0 / _FINER) / 2.0
+    inside = resampled(region.image, local_to_ras @ fine, _FINER * size).array >= 0.5
+    if np.count_nonzero(inside) < _LEAST_VOXELS * _FINER**3:
         msg = (
             f"The region holds {region.volume_ml:.2f} ml, too little or too thin for a surface; "
             "check the thresholds and the erosion."
         )
         raise ValueError(msg)
-    # Voxel centres lie half a step from the boundary between them.
-    distance = step * (ndimage.distance_transform_edt(~inside) - 0.5)
-    # Depths are the same without all but one layer of the background.
-    box = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in ndimage.find_objects(inside.view(np.uint8))[0])
-    depth = step * (0.5 - ndimage.distance_transform_edt(inside[box]))
-    distance[box] = np.where(inside[box], depth, distance[box])
+    blocks = signed_distances(inside, step / _FINER).reshape([part for count in size[::-1] for part in (count, _FINER)])
+    distance = blocks.mean(axis=(1, 3, 5))
     return RegionImage(Image(distance, matrix), float(np.abs(distance).max()))
 
 

@@ -1,0 +1,63 @@
+"""An image on another grid, and the distance from the boundary of a mask: ITK's filters on the project's images."""
+
+from __future__ import annotations
+
+import numpy as np
+import SimpleITK as sitk
+
+from .image import Image
+
+
+def resampled(image: Image, ijk_to_ras: np.ndarray, size: np.ndarray) -> Image:
+    """Interpolate an image linearly on another grid.
+
+    Parameters
+    ----------
+    image : Image
+        Masks count as 0 and 1.
+    ijk_to_ras : (4, 4) ndarray
+        The other grid.
+    size : (3,) array_like of int
+        Its number of voxels along i, j, k.
+
+    Returns
+    -------
+    Image
+        Of floating point numbers; 0 where a voxel's centre lies outside of the image's outer faces, as
+        :class:`.sampling.Sampler` has it.
+    """
+    array = image.array.view(np.uint8) if image.array.dtype == bool else image.array
+    # Both grids as indices, so that ITK's own frame and its limits on directions play no part.
+    between = image.ras_to_ijk @ ijk_to_ras
+    filter_ = sitk.ResampleImageFilter()
+    filter_.SetSize([int(count) for count in size])
+    filter_.SetTransform(sitk.AffineTransform(between[:3, :3].ravel().tolist(), between[:3, 3].tolist()))
+    filter_.SetInterpolator(sitk.sitkLinear)
+    filter_.SetOutputPixelType(sitk.sitkFloat64)
+    volume = filter_.Execute(sitk.GetImageFromArray(np.ascontiguousarray(array)))
+    return Image(sitk.GetArrayFromImage(volume), ijk_to_ras)
+
+
+def signed_distances(mask: np.ndarray, step: float) -> np.ndarray:
+    """Distance of every voxel's centre from the boundary of a mask, on a grid of cubes.
+
+    Parameters
+    ----------
+    mask : (k, j, i) ndarray of bool
+        Neither empty nor full.
+    step : float
+        Edge of a voxel, mm.
+
+    Returns
+    -------
+    (k, j, i) ndarray
+        Negative inside, mm; half a voxel less than to the nearest centre on the other side, where the boundary is.
+    """
+    return step * (np.where(mask, 0.5, -0.5) + _reach(mask) - _reach(~mask))
+
+
+def _reach(mask: np.ndarray) -> np.ndarray:
+    """Distance of the voxels outside of a mask from the nearest one in it, 0 in it, in voxels."""
+    volume = sitk.GetImageFromArray(mask.view(np.uint8))
+    found = sitk.SignedMaurerDistanceMap(volume, insideIsPositive=False, squaredDistance=False)
+    return np.maximum(sitk.GetArrayFromImage(found), 0.0)

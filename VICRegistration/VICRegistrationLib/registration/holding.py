@@ -1,0 +1,85 @@
+"""A surface that has gone astray, fitted again and held tighter to the separated region."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+from ..geometry.parametrization import Parametrization
+from .nets import net_of
+from .options import FitOptions
+from .plan import Plan
+from .sample_grid import SampleGrid
+from .stages import Step, last_step
+
+# How much tighter the region holds a surface that goes astray without.
+_TIGHTER = (10.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Held:
+    """How a surface was kept from going astray.
+
+    Parameters
+    ----------
+    net : (rows, columns)
+        Of the surface.
+    how, why : str
+        In plain words: what was done, and what was wrong with the surface.
+    """
+
+    net: tuple[int, int]
+    how: str
+    why: str
+
+
+def hold(
+    plan: Plan,
+    near: Step,
+    spare: tuple[str, Step],
+    machinery: tuple[Parametrization, SampleGrid],
+    options: FitOptions,
+    anchor: float,
+    lost: str,
+) -> Generator[Step, None, tuple[Step, Held]]:
+    """Fit the grey levels again, held tighter to the region until the surface stays.
+
+    Parameters
+    ----------
+    plan : Plan
+    near : Step
+        Surface of the region, from which to fit, and which is kept if the image holds none.
+    spare : str and Step
+        A surface to keep if not even that of the region is in its place, and what it is called.
+    machinery : Parametrization and SampleGrid
+        Of their net.
+    options : FitOptions
+        With `tau` and `smoothness`.
+    anchor : float
+        Weight against leaving the surface that a stage begins with, by which it went astray.
+    lost : str
+        What was wrong with it, see :meth:`.plan.Plan.astray`.
+
+    Yields
+    ------
+    Step
+
+    Returns
+    -------
+    step : Step
+    held : Held
+    """
+    closed, grid = machinery
+    net = net_of(near.surface, options.closure)
+    for factor in _TIGHTER:
+        step = near
+        tighter = replace(options, smoothness=factor * options.smoothness)
+        for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
+            name = f"{stage.name}, held {factor:g} times tighter"
+            step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
+        if not plan.astray(step.surface):
+            return step, Held(net, f"{factor:g} times tighter", lost)
+    what, kept = spare if plan.astray(near.surface) else ("the region's own surface", near)
+    kept = replace(kept, stage=f"{what} kept", iteration=1, displacement=0.0)
+    yield kept
+    return kept, Held(net, f"{what} kept", f"{lost}, however tightly it was held")
