@@ -161,3 +161,17 @@ def test_a_mesher_that_is_not_installed_is_told_with_the_way_to_install_it(monke
         tetrahedra.mesh_organs([Solid("organ", ball())])
     with pytest.raises(MeshingError, match="Netgen is not installed"):
         tetrahedra.mesh_organs([Solid("organ", ball())], MeshOptions(tool="netgen"))
+
+
+def test_a_disk_without_room_for_temporary_files_is_told(monkeypatch, tmp_path, capsys):
+    def full(self, data):
+        raise OSError(28, "No space left on device")
+
+    write_surface(ball(), tmp_path / "organ.json")
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    assert cli.main(["mesh", str(tmp_path / "organ.json"), "--output", str(tmp_path / "organ.msh")]) == 2
+    assert capsys.readouterr().err.strip().splitlines()[-1] == (
+        "vic-registration: error: Temporary files for gmsh cannot be written (No space left on device); make room on "
+        "that disk, or name a folder on another one by the environment variable TMPDIR."
+    )
+    assert not (tmp_path / "organ.msh").exists()

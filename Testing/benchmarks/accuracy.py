@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from bladders import Bladder, bladders
+from bladders import Bladder, bladders, other_seeds
 from measuring import table
 from scipy import ndimage
 from surfaces import contour_in_world, smoothed_contour
@@ -26,6 +26,7 @@ from VICRegistrationLib.registration.organ import finish, fit_organ
 N_POINTS = 10_000
 # Voxels have no normals of their own: the label is blurred by a Gaussian of four pixels or two slices first.
 LABEL_BLUR_MM = 2.0
+N_OTHER_SEEDS = 4
 MEAN_MM, P95_MM = 0.8, 2.5
 # Table 2 of the paper: mean and standard deviation of four witnesses, mm.
 PUBLISHED = {
@@ -34,6 +35,7 @@ PUBLISHED = {
     "rectum": ((3.33, 2.56), (2.73, 2.30), (2.73, 2.12), (2.79, 2.71)),
 }
 
+_BY_SEED = ("both", "both 95 %", "normals")
 _ABOUT = f"""\
   From {N_POINTS} points of the reference (truth; experts' lumen) to the surface; signed: positive where it lies outside
   of the reference. Fitted: default options, the demo's seeds or one seed in the lumen. Smoothed triangles: marching
@@ -165,6 +167,18 @@ def both_ways(case: Case) -> tuple[Measured, Measured]:
     return of_surface(fit.surface, case), of_contour(fit.region, case)
 
 
+def by_seed(bladder: Bladder, count: int) -> list[list[str]]:
+    """Ratios both ways for seeds elsewhere in the lumen, a row each."""
+    case = real_case(bladder)
+    rows = []
+    for number, seeds in enumerate(other_seeds(bladder, count), start=1):
+        ours, theirs = both_ways(replace(case, seeds=seeds))
+        found = ratios(ours, theirs)
+        sizes = [f"{part:.2f}" for part in (ours.both.mean, ours.both.p95)]
+        rows.append([f"{case.name}, seed {number}", *sizes, *(f"{found[what]:.2f}" for what in _BY_SEED)])
+    return rows
+
+
 def _row(name: str, found: Measured) -> list[str]:
     there, back, both = found.distances, found.back, found.both
     sizes = (f"{value:.2f}" for value in (there.mean, there.std, there.p95))
@@ -229,6 +243,10 @@ def report(*, quick: bool) -> str:
     for organ, witnesses in PUBLISHED.items():
         for number, (mean, std) in enumerate(witnesses, start=1):
             rows.append([f"{organ}, paper's witness {number}", f"{mean:.2f}", f"{std:.2f}", *[""] * (len(title) - 3)])
+    seeds = [["triangles / fitted", "both mm", "both 95 %", *_BY_SEED]]
+    for bladder in () if quick else found:
+        seeds += by_seed(bladder, N_OTHER_SEEDS)
+    elsewhere = [f"  The same from other places in the lumen:\n\n{table(seeds)}"] if len(seeds) > 1 else []
     skipped = [] if real else ["  Real bladders were skipped: ../shared/data/bladder_mri is not there."]
     return "\n\n".join(
         [
@@ -236,5 +254,6 @@ def report(*, quick: bool) -> str:
             table(rows),
             *skipped,
             verdict(results, {case.name for case in real}),
+            *elsewhere,
         ]
     )

@@ -15,6 +15,7 @@ from VICRegistrationLib.imaging.separation import Region, region_from_mask
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
 LUMEN = 3
+SEED_DEPTH_MM = 4.0
 NAMES = ("crop_IM0465", "crop_IM0533", "full_p5")
 
 
@@ -34,9 +35,22 @@ def load_bladder(name: str, folder: Path = DATA) -> Bladder:
     label = read_image(folder / f"{name}_label.nii.gz").array == LUMEN
     region = region_from_mask(image, label, largest_component=True)
     lumen = replace(region, mask=fill_holes(region.mask))
-    depth = ndimage.distance_transform_edt(np.pad(lumen.mask, 1), sampling=image.spacing[::-1])[1:-1, 1:-1, 1:-1]
-    deepest = np.unravel_index(depth.argmax(), depth.shape)
+    deep = _depth(lumen)
+    deepest = np.unravel_index(deep.argmax(), deep.shape)
     return Bladder(name, image, lumen, lumen.image.to_ras(np.array([deepest[::-1]], dtype=float)))
+
+
+def other_seeds(bladder: Bladder, count: int) -> np.ndarray:
+    """Places anywhere in the lumen, deeper than `SEED_DEPTH_MM`: always the same ones, (count, 1, 3) RAS mm."""
+    places = np.argwhere(_depth(bladder.lumen) > SEED_DEPTH_MM)
+    chosen = np.random.default_rng(0).choice(len(places), count, replace=False)
+    return bladder.lumen.image.to_ras(places[chosen, None, ::-1].astype(float))
+
+
+def _depth(region: Region) -> np.ndarray:
+    """Distance of each voxel of a region from its boundary, mm."""
+    padded = np.pad(region.mask, 1)
+    return ndimage.distance_transform_edt(padded, sampling=region.image.spacing[::-1])[1:-1, 1:-1, 1:-1]
 
 
 def bladders(folder: Path = DATA) -> list[Bladder]:

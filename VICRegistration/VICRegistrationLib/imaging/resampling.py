@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import SimpleITK as sitk
+from scipy import ndimage
 
 from .image import Image
 
@@ -53,7 +54,11 @@ def signed_distances(mask: np.ndarray, step: float) -> np.ndarray:
     (k, j, i) ndarray
         Negative inside, mm; half a voxel less than to the nearest centre on the other side, where the boundary is.
     """
-    return step * (np.where(mask, 0.5, -0.5) + _reach(mask) - _reach(~mask))
+    distances = _reach(mask) - 0.5
+    # Depths are the same without all but one layer of the background.
+    box = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in ndimage.find_objects(mask.view(np.uint8))[0])
+    distances[box] = np.where(mask[box], 0.5 - _reach(~mask[box]), distances[box])
+    return step * distances
 
 
 def _reach(mask: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ The job is a JSON file in a temporary folder; the worker is told its path, and l
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -23,6 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
+from ..files import reason
 
 JOB, RESULT, NOTES, ERROR, PROGRESS = "job.json", "result.npz", "notes.json", "error.txt", "progress"
 _ROOT = Path(__file__).resolve().parents[2]
@@ -97,13 +100,19 @@ def run_worker(
     MeshingCancelled
         If `cancelled` said so.
     OSError
-        If there is no room for temporary files.
+        If temporary files cannot be written.
     """
-    with tempfile.TemporaryDirectory(prefix="vic-mesh-") as text:
-        folder = Path(text)
-        for file, content in files.items():
-            folder.joinpath(file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        folder.joinpath(JOB).write_text(json.dumps({**job, "time_limit": time_limit}), encoding="utf-8")
+    with contextlib.ExitStack() as stack:
+        try:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="vic-mesh-")))
+            for file, content in {**files, JOB: json.dumps({**job, "time_limit": time_limit})}.items():
+                folder.joinpath(file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        except OSError as error:
+            msg = (
+                f"Temporary files for {name} cannot be written ({reason(error)}); make room on that disk, or name a "
+                "folder on another one by the environment variable TMPDIR."
+            )
+            raise OSError(msg) from error
         code = _run(module, folder, name, time_limit, on_progress, cancelled)
         return _result(folder, name, code)
 

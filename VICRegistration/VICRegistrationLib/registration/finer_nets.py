@@ -19,7 +19,7 @@ from .sample_grid import SampleGrid
 from .stages import Step, cost_of, last_step, promise
 
 # The finest net is tried where it promises more than so many times what more freedom takes off noise. The demo's organs
-# promise 0.7 to 1.6 times that: the bladder would gain by it, vagina and rectum lose; see the benchmark of nets.
+# promise 0.7 to 1.6 times that: the bladder would gain by it, the vagina lose; see the benchmark of nets.
 _PROMISING = 4.0
 # How often the spans are halved: 9x7 control points become 17x11 and 33x19. Once more takes 10 s, and slices do not
 # show that much.
