@@ -16,8 +16,9 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.imaging.separation import region_from_box, separate
 from VICRegistrationLib.registration.edge_width import edge_width
-from VICRegistrationLib.registration.finer_nets import noise_share
+from VICRegistrationLib.registration.finer_nets import first_net, noise_share
 from VICRegistrationLib.registration.leash import astray
+from VICRegistrationLib.registration.nets import net_of
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region, refit
 
 
@@ -116,6 +117,26 @@ def test_in_noise_a_net_that_promises_too_little_is_not_tried(dented):
     assert fit.options.net == (17, 11)
     assert "33x19 promised" in choices(fit)["net"].reason
     assert not [step for step in fit.history if "33x19" in step.stage]
+
+
+@pytest.mark.parametrize("closure", ["smooth", "paper"])
+def test_nets_are_begun_with_where_halving_spans_leads_to_them(closure):
+    surface = models.closed_organ((9, 7), closure=closure)
+    for _ in range(3):
+        assert first_net(net_of(surface, closure), closure) == (9, 7)
+        surface = surface.refined()
+    for net in ((13, 9), (9, 13), (65, 49), (8, 7), (5, 5), (100_000, 7)):
+        assert first_net(net, closure) == net
+    assert first_net(None, closure) == (9, 7)
+
+
+def test_a_given_net_is_fitted_as_one_that_was_chosen(dented):
+    volume = painted(dented)
+    chosen = finish(fit_organ(volume, [[0.0, 0.0, 0.0]]))
+    assert chosen.options.net == (17, 11)
+    given = finish(fit_organ(volume, [[0.0, 0.0, 0.0]], FitOptions(net=(17, 11))))
+    assert choices(given)["net"].reason == "as asked for"
+    np.testing.assert_allclose(given.surface.control_net, chosen.surface.control_net, atol=1e-9)
 
 
 def test_noise_takes_a_share_of_the_cost():

@@ -3,8 +3,8 @@
 - *tau* is the width of the edge in the image, measured across the surface after the first stage on the grey levels.
 - *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike, and in how
   many voxels that was seen.
-- *net*: all is fitted with 9x7 control points, then again with finer nets while the image is worth them, see
-  :mod:`.finer_nets`.
+- *net*: all is fitted with 9x7 control points, then again with finer nets while the image is worth them, or up to the
+  one asked for, see :mod:`.finer_nets`.
 - A surface that folds or goes far away from the region is fitted again, held tighter to it.
 """
 
@@ -84,7 +84,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     ----------
     plan : Plan
     model : BSplineSurface
-        With the net asked for, or that to start with.
+        With the net to begin with, see :func:`.finer_nets.first_net`.
     options : FitOptions
 
     Yields

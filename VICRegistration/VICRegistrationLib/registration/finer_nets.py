@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
+import numpy as np
+
 from ..geometry import models
 from ..geometry.parametrization import Parametrization
 from .holding import Held, hold
@@ -110,10 +112,13 @@ def _fit_halved(
 
 def first_net(net: tuple[int, int] | None, closure: str) -> tuple[int, int]:
     """Tell with which net to begin: the usual one, if halving its spans leads to that asked for, otherwise that."""
-    model = models.closed_organ(models.DEFAULT_NET, closure=closure)
-    while net is not None and net_of(model, closure)[0] < net[0]:
-        model = model.refined()
-    return models.DEFAULT_NET if net in (None, net_of(model, closure)) else net
+    if net is None:
+        return models.DEFAULT_NET
+    # Cubic splines have three control points more than spans, and around the organ one where they close smoothly.
+    more = np.array([1 if closure == "smooth" else 3, 3])
+    parts, rest = np.divmod(np.array(net) - more, np.array(models.DEFAULT_NET) - more)
+    leads = not rest.any() and parts[0] == parts[1] and parts[0] in 2 ** np.arange(8)
+    return models.DEFAULT_NET if leads else net
 
 
 def noise_share(n_dof: int, voxels: float) -> float:
