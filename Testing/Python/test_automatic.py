@@ -231,6 +231,10 @@ def test_an_image_of_nothing_but_tissue_does_not_tear_a_surface_apart():
     hold = choices(fit).get("hold on the region")
     assert hold is not None
     assert "times tighter, with" in hold.value
+    # Two nets are held here: each stage has a name of its own, by which its steps are put together.
+    names = [step.stage for step in fit.history]
+    runs = [name for before, name in zip(["", *names], names) if name != before]
+    assert len(runs) == len(set(runs))
     assert fit.confidence.unsupported_share > 0.3
 
 

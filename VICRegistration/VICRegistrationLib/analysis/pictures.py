@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 
 from ..imaging.image import Image
+from ..registration.nets import net_text
 from ..registration.organ import OrganFit
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from .deviation import Reference, deviation
@@ -180,7 +181,7 @@ def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
     parts = [
         f"volume {fit.surface.volume() / 1000.0:.1f} ml{separated}",
         f"area {fit.surface.area() / 100.0:.1f} cm²",
-        f"net {fit.options.net[0]}x{fit.options.net[1]} {fit.options.closure}",
+        f"net {net_text(fit.options.net)} {fit.options.closure}",
         f"{fit.iterations} iterations" + (", converged" if fit.converged else ""),
         f"{fit.seconds:.2f} s",
     ]

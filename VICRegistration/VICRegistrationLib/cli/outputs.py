@@ -19,6 +19,7 @@ from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..registration.boundary import boundary_deviations
 from ..registration.doubts import border_sides, warnings_about
+from ..registration.nets import net_text
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
@@ -73,7 +74,7 @@ def write_organ(organ: FittedOrgan, folder: Path) -> None:
     """
     surface, name, options = organ.fit.surface, organ.name, organ.fit.options
     mesh = triangulate(surface)
-    write_surface(surface, folder / f"{name}.json", name=name, net=_net_text(options.net), closure=options.closure)
+    write_surface(surface, folder / f"{name}.json", name=name, net=net_text(options.net), closure=options.closure)
     write_vtp(mesh, surface, folder / f"{name}.vtp", name=name)
     write_stl(mesh, folder / f"{name}.stl", name=name)
     write_convergence(organ.fit.history, folder / f"{name}_convergence.csv")
@@ -207,7 +208,7 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "seconds": organ.seconds,
         "seconds_separation": organ.seconds_separation,
         "threshold": None if threshold is None else [float(level) for level in threshold],
-        "net": _net_text(fit.options.net),
+        "net": net_text(fit.options.net),
         "seed": [list(point) for point in organ.seeds],
         **_boundary_entry(organ),
         "erosion": None if region is None or region.erosion is None else float(region.erosion),
@@ -251,7 +252,3 @@ def organ_files(name: str, *, pictures: bool, solid: bool = False) -> list[str]:
         *([".step"] if solid else []),
     ]
     return [name + ending for ending in endings]
-
-
-def _net_text(net: tuple[int, int]) -> str:
-    return f"{net[0]}x{net[1]}"

@@ -22,7 +22,7 @@ from ..imaging.sampling import Sampler
 from .edge_width import PROFILE_PIXELS, edge_width
 from .finer_nets import fit_finer
 from .holding import hold
-from .nets import net_of
+from .nets import net_of, net_text
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import Plan, crop_around, machinery
 from .stages import Step, cost_of, last_step
@@ -116,9 +116,9 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     found, why, later = yield from fit_finer(plan, found, chosen, anchor, options.net)
     net = net_of(found.surface, options.closure)
     choices = (
-        Choice("net", _size(net), why or _GIVEN),
+        Choice("net", net_text(net), why or _GIVEN),
         *choices,
-        *(Choice("hold on the region", f"{part.how}, with {_size(part.net)}", part.why) for part in (*held, *later)),
+        *(Choice("hold on the region", f"{part.how}, with {net_text(part.net)}", part.why) for part in (*held, *later)),
     )
     halvings = 0
     while net_of(model, options.closure) != net:
@@ -126,10 +126,6 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     closed, grid = machinery(first, options.closure, halvings)
     cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
     return Outcome(replace(chosen, net=net), choices, cost)
-
-
-def _size(net: tuple[int, int]) -> str:
-    return f"{net[0]}x{net[1]}"
 
 
 def _to_start_with(options: FitOptions, pixel: float) -> FitOptions:

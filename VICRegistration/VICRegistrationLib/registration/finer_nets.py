@@ -14,7 +14,7 @@ import numpy as np
 from ..geometry import models
 from ..geometry.parametrization import Parametrization
 from .holding import Held, hold
-from .nets import grid_shape, net_of
+from .nets import grid_shape, net_of, net_text
 from .options import FitOptions
 from .plan import Plan, machinery
 from .sample_grid import SampleGrid
@@ -66,7 +66,7 @@ def fit_finer(
         halvings += 1
         finer = found.surface.refined()
         size = net_of(finer, options.closure)
-        net = "{}x{}".format(*size)
+        net = net_text(size)
         closed, grid = machinery(options.net, options.closure, halvings)
         fewer, _ = machinery(options.net, options.closure, halvings - 1)
         explained = noise_share(closed.n_dof - fewer.n_dof, plan.voxels_along(finer, options.tau))
@@ -97,7 +97,7 @@ def _fit_halved(
 ) -> Generator[Step, None, tuple[Step, list[Held]]]:
     """Run the stages on the region and on the grey levels from a surface, held tighter if it goes astray."""
     closed, grid = machinery
-    net = "{}x{}".format(*net_of(found.surface, options.closure))
+    net = net_text(net_of(found.surface, options.closure))
     steps = [found]
     for stage in (plan.region_stages(options)[1], *plan.grey_level_stages(options, anchor=anchor)):
         stage = replace(stage, name=f"{stage.name}, {net}")

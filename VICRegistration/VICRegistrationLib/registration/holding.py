@@ -6,7 +6,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 from ..geometry.parametrization import Parametrization
-from .nets import net_of
+from .nets import net_of, net_text
 from .options import FitOptions
 from .plan import Plan
 from .sample_grid import SampleGrid
@@ -75,11 +75,12 @@ def hold(
         step = near
         tighter = replace(options, smoothness=factor * options.smoothness)
         for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
-            name = f"{stage.name}, held {factor:g} times tighter"
+            # Stages are told apart by their names, and more than one net may have to be held.
+            name = f"{stage.name}, {net_text(net)}, held {factor:g} times tighter"
             step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
         if not plan.astray(step.surface):
             return step, Held(net, f"{factor:g} times tighter", lost)
     what, kept = spare if plan.astray(near.surface) else ("the region's own surface", near)
-    kept = replace(kept, stage=f"{what} kept", iteration=1, displacement=0.0)
+    kept = replace(kept, stage=f"{what} kept, {net_text(net)}", iteration=1, displacement=0.0)
     yield kept
     return kept, Held(net, f"{what} kept", f"{lost}, however tightly it was held")

@@ -24,6 +24,11 @@ def net_of(surface: BSplineSurface, closure: str) -> tuple[int, int]:
     return (rows - surface.degrees[0] + 1 if closure == "smooth" else rows), columns
 
 
+def net_text(net: tuple[int, int]) -> str:
+    """Size of a net in words, such as "9x7"."""
+    return f"{net[0]}x{net[1]}"
+
+
 def closure_of(surface: BSplineSurface) -> str:
     """How a surface is closed.
 

@@ -29,7 +29,7 @@ from .confidence import Confidence, confidence_of
 from .correction import correct
 from .finer_nets import first_net
 from .leash import left_out
-from .nets import closure_of, grid_shape, net_of
+from .nets import closure_of, grid_shape, net_of, net_text
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import Plan, generic_model, surface_stages
 from .sample_grid import SampleGrid
@@ -296,7 +296,7 @@ def _result(
     surface = steps[-1].surface
     net = net_of(surface, options.closure)
     if net != net_of(uncorrected, options.closure):
-        size = "{}x{}".format(*net)
+        size = net_text(net)
         choices = tuple(
             replace(choice, value=size, reason=f"{choice.reason}; made finer from {choice.value} for boundary points")
             if choice.option == "net"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..registration.boundary import boundary_deviations
+from ..registration.nets import net_text
 from .contents import Compared, ReportedOrgan
 from .html import Html, element, items, joined, png_picture, table
 
@@ -108,7 +109,7 @@ def _result(organ: ReportedOrgan) -> Html:
             "between virtual and real image, in units of the contrast)",
         ),
         ("Time", f"{organ.seconds:.2f} s from the seeds to the surface"),
-        ("Control net", f"{fit.options.net[0]}x{fit.options.net[1]}, {fit.options.closure} closure"),
+        ("Control net", f"{net_text(fit.options.net)}, {fit.options.closure} closure"),
     ]
     rows.insert(3, ("Follows no edge", f"on {percent_text(organ.confidence.unsupported_share)} of the area"))
     return joined(element("h3", "Result"), table((), rows))
