@@ -11,6 +11,7 @@ from ..geometry import models
 from ..geometry.parametrization import Parametrization
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
+from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.sampling import Sampler
@@ -130,8 +131,7 @@ class Plan:
     @property
     def _coarseness(self) -> float:
         """Mean square of a voxel's edges in units of the squared radius of a ball of the region's volume."""
-        radius = (3.0 * self.target.volume / (4.0 * np.pi)) ** (1.0 / 3.0)
-        return float(np.mean(np.sum(self.voxel**2, axis=0))) / radius**2
+        return float(np.mean(np.sum(self.voxel**2, axis=0))) / ball_radius(self.target.volume) ** 2
 
     def region_stages(self, options: FitOptions) -> tuple[Stage, Stage]:
         """Plan the stages on the region: global scaling, and local registration."""
