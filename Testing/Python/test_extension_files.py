@@ -150,6 +150,12 @@ def test_imports_point_one_way(package, allowed):
     assert [found for found in packages_imported_by(package) if found[1] not in allowed] == []
 
 
+def test_the_architecture_names_every_package():
+    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## Architecture")[1]
+    named = set(re.findall(r"^ {8}(\w+)/ ", text, re.MULTILINE))
+    assert named == {path.parent.name for path in LIBRARY.glob("*/__init__.py")}
+
+
 @pytest.mark.parametrize(
     ("names", "packages"), [(SLICER_NAMES, {"mrml", "gui"}), ({"qt", "ctk"}, {"gui"})], ids=["Slicer", "Qt"]
 )

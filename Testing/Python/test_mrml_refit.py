@@ -73,7 +73,7 @@ def test_removing_the_point_and_fitting_again_undoes_it(logic, fitted):
     logic.refit(organ, [OUTSIDE])
     organ.boundaryPoints.RemoveAllControlPoints()
     assert len(logic.refit(organ)) == 0
-    assert distance(logic.surface(organ), RIGHT) == pytest.approx(distance(before, RIGHT), abs=0.5)
+    assert distance(logic.surface(organ), RIGHT) == pytest.approx(distance(before, RIGHT), abs=0.2)
 
 
 def test_without_weight_points_pull_nothing(logic, fitted):

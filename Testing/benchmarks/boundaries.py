@@ -1,10 +1,11 @@
-"""Boundary points 5 mm off the edge: how near the surface comes, and how little it moves elsewhere."""
+"""Boundary points 5 mm off the edge: how near the surface comes, how little it moves elsewhere, or if fitted again."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from bladders import bladders
 from measuring import interleaved_seconds, ratio, table
 
 from VICRegistrationLib.geometry.projection import closest_points
@@ -81,8 +82,10 @@ def report(*, quick: bool) -> str:
     pelvis = pelvis_phantom()
     places = PLACES[:2] if quick else PLACES + _MORE_PLACES
     rows = [["organ", "wall next to it", "points", "left mm", "opposite mm", "far mm", "correction / fit"]]
+    again = [["organ", "moved by mm", "at most mm", "again / first"]]
     for name, seed in pelvis.seeds.items():
         fit = finish(fit_organ(pelvis.image, seed))
+        again.append(_again(name, fit))
         seconds = correction_seconds(pelvis.image, fit, 1 if quick else 5)
         pulls = [pull(pelvis.image, fit, place, height) for place in places for height in (HEIGHT_MM, -HEIGHT_MM)]
         for elsewhere, wall in ((False, "meant"), (True, "another")):
@@ -91,11 +94,20 @@ def report(*, quick: bool) -> str:
                 worst = [max(getattr(one, what) for one in some) for what in ("left", "opposite", "far")]
                 numbers = [str(len(some)), *(f"{value:.2f}" for value in worst)]
                 rows.append([name, wall, *numbers, f"{ratio(seconds['correction'], seconds['fit']):.1f}"])
+    for found in () if quick else bladders():
+        again.append(_again(f"bladder {found.name}", finish(fit_organ(found.image, found.seed))))
     return (
         f"  One point at a time, {HEIGHT_MM:g} mm outside or inside of the fitted surface; the worst is told.\n"
         "  left: distance of the point from the surface; opposite: displacement to the other side; far: displacement\n"
-        "  beyond half the organ's radius.\n\n" + table(rows)
+        "  beyond half the organ's radius.\n\n" + table(rows) + "\n\n  Fitted again without points:\n\n" + table(again)
     )
+
+
+def _again(name: str, fit: OrganFit) -> list[str]:
+    """Fit a surface again that lies at its edge already, and tell how far it moves."""
+    found = finish(refit(fit.image, fit.surface))
+    heights = np.abs(moved(fit.surface, found.surface)[1])
+    return [name, f"{heights.mean():.2f}", f"{heights.max():.2f}", f"{found.seconds / fit.seconds:.1f}"]
 
 
 def correction_seconds(image: Image, fit: OrganFit, repeats: int) -> dict[str, list[float]]:

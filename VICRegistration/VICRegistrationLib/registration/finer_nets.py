@@ -16,7 +16,7 @@ from ..geometry.parametrization import Parametrization
 from .holding import Held, hold
 from .nets import grid_shape, net_of, net_text
 from .options import FitOptions
-from .plan import Plan, machinery
+from .plan import Plan, machinery, voxels_along
 from .sample_grid import SampleGrid
 from .stages import Step, cost_of, last_step, promise
 
@@ -69,7 +69,7 @@ def fit_finer(
         net = net_text(size)
         closed, grid = machinery(options.net, options.closure, halvings)
         fewer, _ = machinery(options.net, options.closure, halvings - 1)
-        explained = noise_share(closed.n_dof - fewer.n_dof, plan.voxels_along(finer, options.tau))
+        explained = noise_share(closed.n_dof - fewer.n_dof, voxels_along(finer, options.tau, plan.voxel))
         # The first net is too coarse to tell what lies beyond it.
         if wanted is None and halvings > 1:
             promised = promise(fine, closed.at(finer), grid)
@@ -129,7 +129,7 @@ def noise_share(n_dof: int, voxels: float) -> float:
     n_dof : int
         Degrees of freedom that are new; a third of them moves the surface along its normal.
     voxels : float
-        How many are compared with the virtual image, see :meth:`.plan.Plan.voxels_along`.
+        How many are compared with the virtual image, see :func:`.plan.voxels_along`.
 
     Returns
     -------

@@ -16,24 +16,24 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.separation import Region, separate
-from .automatic import Choice, chosen_beside, fit_in_frame, placed
+from .automatic import fit_in_frame, placed
 from .bent_model import start_model
 from .boundary import checked_boundary_points
+from .choosing import Choice
 from .confidence import Confidence, confidence_of
 from .correction import correct
 from .finer_nets import first_net
 from .leash import left_out
-from .nets import closure_of, grid_shape, net_of, net_text
+from .nets import closure_of, net_of, net_text
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import Plan, generic_model, surface_stages
-from .sample_grid import SampleGrid
-from .stages import Step, cost_of, run_stage
+from .refitting import fit_again, looked_at
+from .stages import Step
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,18 +184,7 @@ def fit_region(
     outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)
     uncorrected = history[-1].surface
     corrected = yield from _corrected(image, uncorrected, points, outcome.options)
-    return _result(
-        image,
-        uncorrected,
-        history,
-        corrected,
-        points,
-        outcome.options,
-        region=region,
-        cost_initial=outcome.cost_initial,
-        start=start,
-        choices=outcome.choices,
-    )
+    return _result(image, uncorrected, history, corrected, points, outcome, region=region, start=start)
 
 
 def refit(
@@ -208,7 +197,8 @@ def refit(
 ) -> Generator[Step, None, OrganFit]:
     """Fit a surface again that is there already, step by step.
 
-    Without boundary points, the whole surface is fitted to the grey levels. With boundary points, they pull the surface
+    Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
+    already, see :func:`.refitting.fit_again`. With boundary points, they pull the surface
     in their surroundings, see :mod:`.correction`, and everything else stays where it is: what earlier points did too.
     To take a point back, start from `OrganFit.uncorrected` with those that are left.
 
@@ -242,31 +232,15 @@ def refit(
     points = checked_boundary_points(boundary_points)
     closure = closure_of(surface)
     options = replace(options or FitOptions(), closure=closure, net=net_of(surface, closure))
-    options, choices = chosen_beside(image, surface, _resolved(options, region))
-    closed = closed_organ_parametrization(surface, closure=closure)
-    grid = SampleGrid.on(surface, grid_shape(options.net))
-    coarse, fine, _ = surface_stages(image, surface, points[:0], options)
+    options = _resolved(options, region)
     history: list[Step] = []
-    reached = surface
-    for stage in () if _count(points, options) else (coarse, fine):
-        for step in run_stage(stage, closed.at(reached), grid):
-            reached = step.surface
-            history.append(step)
-            yield step
-    cost = cost_of(surface, fine.correlation(closed.at(reached), grid))
-    corrected = yield from _corrected(image, reached, points, options)
-    return _result(
-        image,
-        reached,
-        history,
-        corrected,
-        points,
-        options,
-        region=region,
-        cost_initial=cost,
-        start=start,
-        choices=choices,
-    )
+    if _count(points, options):
+        outcome = looked_at(image, surface, options)
+    else:
+        outcome = yield from placed(fit_again(image, surface, options), lambda step: step, history)
+    reached = history[-1].surface if history else surface
+    corrected = yield from _corrected(image, reached, points, outcome.options)
+    return _result(image, reached, history, corrected, points, outcome, region=region, start=start)
 
 
 def _count(points: np.ndarray, options: FitOptions) -> bool:
@@ -288,10 +262,9 @@ def _corrected(
     return steps
 
 
-def _result(
-    image, uncorrected, history, correction, points, options, *, region, cost_initial, start, choices
-) -> OrganFit:
+def _result(image, uncorrected, history, correction, points, outcome, *, region, start) -> OrganFit:
     """Put together what came out."""
+    options, choices = outcome.options, outcome.choices
     steps = (*history, *correction)
     surface = steps[-1].surface
     net = net_of(surface, options.closure)
@@ -308,7 +281,7 @@ def _result(
         region=region,
         history=steps,
         converged=all(part[-1].converged for part in (history, correction) if part),
-        cost_initial=cost_initial,
+        cost_initial=outcome.cost_initial,
         cost_final=steps[-1].cost,
         seconds=time.perf_counter() - start,
         options=replace(options, net=net),

@@ -124,10 +124,6 @@ class Plan:
         """Finest voxel spacing, mm."""
         return float(np.linalg.norm(self.voxel, axis=0).min())
 
-    def voxels_along(self, surface: BSplineSurface, width: float) -> float:
-        """Tell how many voxels lie in a band around a surface, `width` in mm: what the image says there."""
-        return surface.area() * width / abs(float(np.linalg.det(self.voxel)))
-
     @property
     def _coarseness(self) -> float:
         """Mean square of a voxel's edges in units of the squared radius of a ball of the region's volume."""
@@ -208,8 +204,18 @@ def grey_level_stages(
     return coarse, fine
 
 
+def voxels_along(surface: BSplineSurface, width: float, voxel: np.ndarray) -> float:
+    """Tell how many voxels, with edges (3, 3), lie in a band around a surface, `width` in mm: what is seen there."""
+    return surface.area() * width / abs(float(np.linalg.det(voxel)))
+
+
 def surface_stages(
-    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions
+    image: Image,
+    surface: BSplineSurface,
+    points: np.ndarray,
+    options: FitOptions,
+    *,
+    anchor: float | None = None,
 ) -> tuple[Stage, Stage, Stage]:
     """Plan the stages for a surface that is there already: grey levels, coarse and fine, and boundary points.
 
@@ -222,6 +228,8 @@ def surface_stages(
         Boundary points, RAS mm.
     options : FitOptions
         With automatic choices filled in.
+    anchor : float, optional
+        As in :func:`grey_level_stages`.
 
     Returns
     -------
@@ -236,7 +244,7 @@ def surface_stages(
         crop_around(image, np.concatenate([surface.control_net.reshape(-1, 3), points]), 4.0 * options.tau)
     )
     inside, outside = levels_beside(surface, sampler, options)
-    coarse, fine = grey_level_stages(sampler, inside, outside, image.ijk_to_ras[:3, :3], options)
+    coarse, fine = grey_level_stages(sampler, inside, outside, image.ijk_to_ras[:3, :3], options, anchor=anchor)
     rules = {"solver": "gauss-newton", "tolerance": BOUNDARY_TOLERANCE, "cost_tolerance": 0.0}
     return coarse, fine, replace(fine, name="boundary points", **rules)
 
