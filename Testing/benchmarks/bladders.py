@@ -47,6 +47,14 @@ def other_seeds(bladder: Bladder, count: int) -> np.ndarray:
     return bladder.lumen.image.to_ras(places[chosen, None, ::-1].astype(float))
 
 
+def drawn_image(bladder: Bladder) -> Image:
+    """Make an image of the lumen alone, as it was drawn: 1 in its voxels and 0 elsewhere."""
+    lumen = bladder.lumen
+    drawn = np.zeros(bladder.image.array.shape, dtype=np.float32)
+    drawn[tuple(slice(first, first + size) for first, size in zip(lumen.offset, lumen.mask.shape))] = lumen.mask
+    return Image(drawn, bladder.image.ijk_to_ras)
+
+
 def _depth(region: Region) -> np.ndarray:
     """Distance of each voxel of a region from its boundary, mm."""
     padded = np.pad(region.mask, 1)
