@@ -7,14 +7,17 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import SimpleITK as sitk
 from small_phantom import SEED, ellipsoid_image
 
+import VICRegistrationLib
 from VICRegistrationLib import cli
 from VICRegistrationLib.cli import fitting
 from VICRegistrationLib.cli.process import silenced_stderr
@@ -310,20 +313,51 @@ def test_stderr_is_silenced_only_for_a_while(capfd):
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal to send")
 @pytest.mark.parametrize("wrapped", [False, True])
-def test_sigterm_ends_with_one_line(refused, image_path, output, monkeypatch, wrapped):
-    def terminated(*arguments, **options):
+@pytest.mark.parametrize(
+    ("number", "code", "told"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")]
+)
+def test_a_signal_ends_with_one_line(refused, image_path, output, monkeypatch, number, code, told, wrapped):
+    before = signal.getsignal(number)
+
+    def stopped(*arguments, **options):
         try:
-            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), number)
             time.sleep(10.0)
         except BaseException as error:
             if wrapped:
                 raise RuntimeError from error
             raise
 
-    monkeypatch.setattr(fitting, "separate", terminated)
-    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=143)
-    assert line == "vic-registration: terminated; nothing was written"
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    monkeypatch.setattr(fitting, "separate", stopped)
+    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=code)
+    assert line == f"vic-registration: {told}; nothing was written"
+    assert signal.getsignal(number) is before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signal to send")
+def test_ctrl_c_while_modules_are_imported_ends_with_one_line():
+    program = """if True:
+        import os, signal, sys
+
+        class Finder:
+            def find_spec(self, name, *others):
+                if name == "VICRegistrationLib.cli.arguments":
+                    os.kill(os.getpid(), signal.SIGINT)
+
+        sys.meta_path.insert(0, Finder())
+        from VICRegistrationLib.cli import main
+
+        os._exit(main(["--version"]))
+    """
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(VICRegistrationLib.__file__).parents[1],
+    )
+    assert ended.returncode == 130
+    assert ended.stderr == "vic-registration: interrupted; nothing was written\n"
 
 
 def test_numbers_that_overflow_end_with_one_line(refused_fit, image_path, monkeypatch):

@@ -1,13 +1,13 @@
-"""The command line: ``vic-registration fit``, ``export``, ``phantom`` and ``reproduce``."""
+"""The command line ``vic-registration``: one function that runs it, and the codes it ends with."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
 
-from .arguments import PROGRAM, parsed_arguments
-from .process import Terminated, terminable
+from .process import Terminated, stoppable
 
+PROGRAM = "vic-registration"
 USAGE_ERROR, INTERRUPTED, TERMINATED = 2, 130, 143
 
 
@@ -30,9 +30,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     SystemExit
         With the same numbers, for ``--help``, ``--version`` and wrong usage.
     """
-    options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
     try:
-        with terminable():
+        with stoppable():
+            # Takes about a second, in which Ctrl-C is pressed too.
+            from .arguments import parsed_arguments
+
+            options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
             options.run(options)
     except KeyboardInterrupt:
         return _ended(f"{PROGRAM}: interrupted; nothing was written", INTERRUPTED)

@@ -11,6 +11,7 @@ from ..geometry.parametrization import CLOSURES
 from ..registration.losses import LOSSES
 from ..registration.solvers import SOLVERS
 from . import (
+    PROGRAM,
     commands,
     compare_command,
     export_command,
@@ -22,7 +23,6 @@ from . import (
 )
 from .words import argument
 
-PROGRAM = "vic-registration"
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
 # that must not are to be refused with their own sentence.
 _NUMERIC = (

@@ -14,37 +14,45 @@ class Terminated(BaseException):
     """SIGTERM arrived."""
 
 
+# What each signal raises, and who handles it where nobody has asked to.
+_ENDS = {signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}
+_USUAL = (signal.SIG_DFL, signal.default_int_handler)
+
+
 @contextlib.contextmanager
-def terminable() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that drafts are removed.
+def stoppable() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, so that drafts are removed, and both even while modules are imported.
 
     Raises
     ------
     Terminated
-        When the signal arrives. Nothing changes where Python handles no signals (outside of the main thread), nor
-        where the signal is ignored.
+        When SIGTERM arrives. Nothing changes where Python handles no signals (outside of the main thread), nor for a
+        signal that is ignored or that somebody else handles.
+    KeyboardInterrupt
+        After Ctrl-C.
     """
     arrived = []
 
     def end(number, frame):
-        arrived.append(number)
-        raise Terminated
+        arrived.append(_ENDS[number])
+        raise arrived[-1]
 
-    if threading.current_thread() is not threading.main_thread() or (
-        signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
-    ):
-        yield
-        return
-    signal.signal(signal.SIGTERM, end)
+    mine = {}
+    if threading.current_thread() is threading.main_thread():
+        mine = {number: signal.getsignal(number) for number in _ENDS if signal.getsignal(number) in _USUAL}
     try:
+        for number in mine:
+            signal.signal(number, end)
         yield
     except Exception:
-        # Python wraps what is raised while a class is made (an import may be under way) into an error of its own.
+        # Python wraps what is raised while a class is made (an import may be under way) into an error of its own, and
+        # libraries what is raised while they are imported.
         if arrived:
-            raise Terminated from None
+            raise arrived[0] from None
         raise
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, usual in mine.items():
+            signal.signal(number, usual)
 
 
 @contextlib.contextmanager
