@@ -15,6 +15,7 @@ from VICRegistrationLib.imaging.morphology import erode
 from VICRegistrationLib.imaging.reading import read_image, write_image
 from VICRegistrationLib.imaging.separation import Region, region_from_mask, separate
 from VICRegistrationLib.imaging.threshold import suggest_threshold
+from VICRegistrationLib.registration.organ import finish, fit_region
 
 
 @pytest.fixture
@@ -176,6 +177,17 @@ def test_axes_that_are_not_perpendicular_are_not_written(tmp_path):
     sheared[0, 2] = 0.3
     image = Image(np.zeros((3, 3, 3)), sheared)
     refused(lambda: write_image(image, tmp_path / "image.nrrd"), "not perpendicular", "resample")
+
+
+@pytest.mark.parametrize(
+    ("factor", "needed"),
+    [(1e-3, ["0.05 x 0.04 x 0.02 mm, smaller", "holds metres", "1000 times"]), (1e3, ["larger", "micrometres"])],
+)
+def test_a_volume_in_another_unit(image, factor, needed):
+    scaled = Image(image.array, np.diag([factor, factor, factor, 1.0]))
+    refused(lambda: separate(scaled, np.array([18.0, 20.0, 10.0]) * factor), *needed, "millimetres")
+    region = region_from_mask(scaled, image.array > 100)
+    refused(lambda: finish(fit_region(scaled, region)), *needed, "millimetres")
 
 
 @pytest.mark.parametrize(

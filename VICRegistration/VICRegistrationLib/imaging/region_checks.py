@@ -11,6 +11,26 @@ from .boxes import ball_box, pieces
 _LARGEST_SHARE = 0.6
 # A region this many times the volume that the rays from the seeds span has leaked.
 LEAK_FACTOR = 1.3
+# Longest side of a volume, mm: a shorter one is thinner than what is eroded from both sides, a longer one no body's.
+_SIDES_MM = (4.0, 1e4)
+
+
+def check_scale(image):
+    """Refuse a volume that is given in another unit than millimetres."""
+    sides = image.spacing * image.size
+    shortest, longest = _SIDES_MM
+    if shortest <= sides.max() <= longest:
+        return
+    size = " x ".join(f"{side:.3g}" for side in sides)
+    if sides.max() < shortest:
+        like, unit, factor = "smaller than any organ", "metres", "1000 times as large"
+    else:
+        like, unit, factor = "larger than any body", "micrometres", "a thousandth of that"
+    msg = (
+        f"The volume is {size} mm, {like}; all lengths must be in millimetres. If the file holds {unit}, make its "
+        f"spacing and origin {factor} (in Slicer: module Volumes, Volume Information)."
+    )
+    raise ValueError(msg)
 
 
 def checked_threshold(threshold):

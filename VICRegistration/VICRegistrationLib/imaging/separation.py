@@ -17,6 +17,7 @@ from .region_checks import (
     LEAK_FACTOR,
     check_leak,
     check_pieces,
+    check_scale,
     checked_radius,
     checked_threshold,
     refuse_erosion,
@@ -118,15 +119,16 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     Raises
     ------
     ValueError
-        If a seed lies outside the volume or the threshold or does not survive the erosion, if the threshold
-        or a radius makes no sense, if the seeds lie in separate pieces, or if the region has leaked over most of
-        the volume.
+        If the volume is not given in mm, if a seed lies outside of it or of the threshold or does not survive the
+        erosion, if the threshold or a radius makes no sense, if the seeds lie in separate pieces, or if the region has
+        leaked over most of the volume.
 
     Notes
     -----
     All steps run on a box around the seeds that grows on the sides where the eroded component meets it, so
     the result is that of the whole volume and the cost that of the organ.
     """
+    check_scale(image)
     seeds = checked_seeds(image, seeds)
     given = None if threshold is None else Limits.constant(*checked_threshold(threshold))
     dilation = None if dilation is None else checked_radius("dilation", dilation, image)

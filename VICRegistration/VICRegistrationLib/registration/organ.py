@@ -20,6 +20,7 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
+from ..imaging.region_checks import check_scale
 from ..imaging.separation import Region, separate
 from .automatic import fit_in_frame, placed
 from .bent_model import start_model
@@ -164,10 +165,11 @@ def fit_region(
     Raises
     ------
     ValueError
-        If the region is too thin for a surface or does not lie on the image's grid, or a boundary point is not finite
-        or more than 30 mm away from the fitted surface.
+        If the volume is not given in mm, the region is too thin for a surface or does not lie on the image's grid, or a
+        boundary point is not finite or more than 30 mm away from the fitted surface.
     """
     start = time.perf_counter()
+    check_scale(image)
     _check_grid(image, region)
     points = checked_boundary_points(boundary_points)
     options = _resolved(options or FitOptions(), region)
