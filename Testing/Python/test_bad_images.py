@@ -7,6 +7,7 @@ import os
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from small_phantom import ellipsoid_image
 
 from VICRegistrationLib.imaging import reading
 from VICRegistrationLib.imaging.image import Image
@@ -212,6 +213,20 @@ def test_a_seed_outside_the_threshold(image):
         "(3.0, 3.0, 3.0) mm is 50, outside the threshold 100 to 300",
         "move the seed",
     )
+
+
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        # The limits of all that was seen leave it out, though those of what it sees itself held it.
+        [[-35.02, 9.43, -22.03]],
+        # They see nothing but their own voxels.
+        [[-41.02, 3.46, -11.87], [-25.98, 25.37, -18.58], [-2.68, -15.4, 9.16]],
+        [[4.46, -13.6, -34.26], [-19.16, 19.34, 2.68], [-4.8, 36.31, -3.07]],
+    ],
+)
+def test_seeds_that_no_suggested_threshold_holds(seeds):
+    refused(lambda: separate(ellipsoid_image(), seeds), "No threshold could be suggested", "move the seed")
 
 
 def test_a_suggested_threshold_without_the_seed_is_not_the_users_fault(image):

@@ -73,7 +73,8 @@ class Limits:
         """
         low, high = threshold_between(edges)
         places, offsets = edges.points[edges.found], _offsets(edges, low, high)
-        reach = _REACH * ball_radius(edges.volume)
+        # Seeds in a wall may see nothing but their own voxels.
+        reach = max(_REACH * ball_radius(edges.volume), float(image.spacing.max()))
         step = reach / image.spacing
         low_end, high_end = np.quantile(image.to_ijk(places), [_ASTRAY, 1.0 - _ASTRAY], axis=0)
         # About the middle of the organ, so that a flipped copy of the volume has the same nodes.

@@ -8,7 +8,7 @@ from scipy import ndimage
 from .boxes import ball_box, ball_radius
 from .edges import find_edges, joined
 from .limits import Limits
-from .region_checks import place
+from .region_checks import refuse_seed
 from .seeds import voxels_of
 
 # A seed is taken to be meant for a place within the limits that is this near, and this deep if there is one.
@@ -74,25 +74,9 @@ def _settled(image, seed, limits, *, suggested):
     if depths[tuple(voxel - start)] >= _DEEP_MM or held.all():
         return seed
     if not (held[near] & (distances < np.inf)).any():
-        _refuse_seed(image, seed, voxel, limits, suggested=suggested)
+        refuse_seed(image, seed, voxel, limits, suggested=suggested)
     # Of places as deep, the nearest.
     merit = np.where(distances < np.inf, np.minimum(depths[near], _DEEP_MM) - 1e-3 * distances, -np.inf)
     k, j, i = np.unravel_index(merit.argmax(), merit.shape)
     moved = np.array([[i, j, k]]) + start[::-1] + [part.start for part in near[::-1]]
     return image.to_ras(moved)[0]
-
-
-def _refuse_seed(image, seed, voxel, limits, *, suggested):
-    level, low, high = float(image.array[tuple(voxel)]), limits.low, limits.high
-    if suggested:
-        msg = (
-            f"No threshold could be suggested that holds the seed {place(seed)}: its grey level is {level:.6g}, "
-            f"the suggestion {low:.6g} to {high:.6g}. The organ may be thin or the seed in a wall; give the "
-            "threshold as its lowest and highest grey level, or move the seed."
-        )
-    else:
-        msg = (
-            f"The grey level at the seed {place(seed)} is {level:.6g}, outside the threshold {low:.6g} "
-            f"to {high:.6g}; move the seed into the organ or widen the threshold."
-        )
-    raise ValueError(msg)

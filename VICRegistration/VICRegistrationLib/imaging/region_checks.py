@@ -65,6 +65,23 @@ def checked_radius(name, radius, image):
     return radius
 
 
+def refuse_seed(image, seed, voxel, limits, *, suggested):
+    """Say that the limits, suggested or given, do not hold a seed at a voxel."""
+    level, low, high = float(image.array[tuple(voxel)]), limits.low, limits.high
+    if suggested:
+        msg = (
+            f"No threshold could be suggested that holds the seed {place(seed)}: its grey level is {level:.6g}, "
+            f"the suggestion {low:.6g} to {high:.6g}. The organ may be thin or the seed in a wall; give the "
+            "threshold as its lowest and highest grey level, or move the seed."
+        )
+    else:
+        msg = (
+            f"The grey level at the seed {place(seed)} is {level:.6g}, outside the threshold {low:.6g} "
+            f"to {high:.6g}; move the seed into the organ or widen the threshold."
+        )
+    raise ValueError(msg)
+
+
 def refuse_erosion(image, seeds, voxels, inside, erosion):
     """Say which seed the erosion leaves nothing around, and which radius would."""
     depths = ndimage.distance_transform_edt(inside, sampling=image.spacing[::-1])

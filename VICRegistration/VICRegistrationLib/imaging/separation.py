@@ -21,6 +21,7 @@ from .region_checks import (
     checked_radius,
     checked_threshold,
     refuse_erosion,
+    refuse_seed,
     warnings,
 )
 from .seeds import checked_seeds, voxels_of
@@ -137,7 +138,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     voxels = voxels_of(image, seeds)
     threshold = limits.low, limits.high
     if erosion is None:
-        start, mask, erosion = _separated_by_default(image, edges, voxels, limits, dilation)
+        start, mask, erosion = _separated_by_default(image, edges, seeds, limits, dilation)
     else:
         erosion = checked_radius("erosion", erosion, image)
         start, inside, core = _grown_core(image, edges, voxels, limits, erosion, dilation)
@@ -223,8 +224,9 @@ def region_from_box(image: Image, corners) -> Region:
     return _cropped(image, mask, np.zeros(3, dtype=int), fill=False)
 
 
-def _separated_by_default(image, edges, voxels, limits, dilation):
+def _separated_by_default(image, edges, seeds, limits, dilation):
     """Erode as little as keeps the region within what the rays from the seeds span; see `separate`."""
+    voxels = voxels_of(image, seeds)
     seen = edges.volume / image.voxel_volume
     fragment = _FRAGMENT * edges.volumes.min() / image.voxel_volume
     attempts = [
@@ -232,16 +234,28 @@ def _separated_by_default(image, edges, voxels, limits, dilation):
     ]
     # If none will do, the rays saw too little of a bent organ or too much, or the organ is thin.
     attempts += [(erosion, 0.0, np.inf) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
+    found, last = {}, None
     for erosion, least, limit in attempts:
-        grown = _grown_core(image, edges, voxels, limits, erosion, dilation, most_voxels=limit)
-        if grown is None or not grown[2].any():
+        if erosion not in found:
+            grown = _grown_core(image, edges, voxels, limits, erosion, dilation, most_voxels=limit)
+            if grown is None:
+                continue
+            start, inside, core = grown
+            held = core.any()
+            mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation) if held else None
+            found[erosion] = start, mask, erosion
+        if found[erosion][1] is None:
             continue
-        start, inside, core = grown
-        mask = _dilated_back(image, inside, core, erosion if dilation is None else dilation)
+        last = found[erosion]
         # What is left of an organ that was eroded too much fits into anything.
-        if least <= np.count_nonzero(mask) <= limit and pieces(mask) == 1:
+        if least <= np.count_nonzero(last[1]) <= limit and pieces(last[1]) == 1:
             break
-    return start, mask, erosion
+    if last is None:
+        # Not even without erosion: the limits of all that was seen leave a seed out, as between seeds in two tissues.
+        held = [bool(limits.holds(voxel, image.array[tuple(voxel)].reshape(1, 1, 1))) for voxel in voxels]
+        lost = held.index(False)
+        refuse_seed(image, seeds[lost], voxels[lost], limits, suggested=True)
+    return last
 
 
 def _dilated_back(image, inside, core, dilation):
