@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -43,3 +44,24 @@ def test_in_the_panel(panelTests, group, name):
         getattr(case, name)()
     finally:
         case.tearDown()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")
+@pytest.mark.usefixtures("recorded")
+def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
+    # Slicer's own Python is a launcher: a program that starts another one, hands on what is written, and no signal.
+    launcher = tmp_path / "PythonSlicer"
+    launcher.write_text(f'#!/bin/sh\n"{sys.executable}" "$@" <&0\nexit $?\n')
+    launcher.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    from recorded_widgets.loop import LOOP
+
+    from VICRegistrationLib.gui.command import Command
+
+    ends = []
+    command = Command(["phantom", str(tmp_path / "out")], lambda line: None, lambda *end: ends.append(end))
+    LOOP.wait(500)
+    command.cancel()
+    LOOP.waitFor(lambda: ends)
+    assert ends == [(130, "")]
+    assert list(tmp_path.iterdir()) == [launcher]

@@ -320,11 +320,15 @@ class CorrectTest(PanelTestCase):
 class ExportTest(PanelTestCase):
     """Files for CAD and simulation."""
 
-    def export(self, suffix, folder):
-        """Export in a format, and wait for the end."""
+    def choose(self, suffix, folder):
+        """Choose a format and a folder."""
         combo = self.ui.exportFormatCombo
         combo.setCurrentIndex([combo.itemData(index) for index in range(combo.count)].index(suffix))
         self.ui.exportFolderEdit.currentPath = folder
+
+    def export(self, suffix, folder):
+        """Export in a format, and wait for the end."""
+        self.choose(suffix, folder)
         self.assertTrue(self.ui.exportButton.enabled)
         self.ui.exportButton.click()
         waitFor(lambda: not self.panel.exportSection.running, seconds=300.0)
@@ -361,6 +365,25 @@ class ExportTest(PanelTestCase):
         np.testing.assert_allclose([low, high], np.reshape(organ.surface.GetPolyData().GetBounds(), (3, 2)).T, atol=0.5)
         self.assertIn("tetrahedra", self.ui.exportStatusLabel.text)
         self.assertIn('"inverted": 0', mesh.GetAttribute("VIC.quality"))
+
+    def test_aMeshIsCancelled(self):
+        if not gmshCanBeLoaded():
+            self.skipTest("gmsh is not installed, or lacks a library of the system")
+        self.fitted("rectum")
+        # Takes minutes if it is left alone.
+        self.ui.meshSizeSlider.value = 1.0
+        with tempfile.TemporaryDirectory() as folder:
+            self.choose(".vtu", folder)
+            self.ui.exportButton.click()
+            self.assertTrue(self.ui.cancelExportButton.enabled)
+            asked = self.ui.exportStatusLabel.text
+            waitFor(lambda: self.ui.exportStatusLabel.text != asked)
+            self.ui.cancelExportButton.click()
+            waitFor(lambda: not self.panel.exportSection.running)
+            self.assertEqual(self.ui.exportStatusLabel.text, "Cancelled; nothing was written.")
+            # The mesher itself is gone as well, and what it has begun.
+            waitFor(lambda: not os.listdir(folder))
+        self.assertTrue(self.ui.exportButton.enabled)
 
     def test_withoutAFolderNothingIsWritten(self):
         self.fitted("rectum")

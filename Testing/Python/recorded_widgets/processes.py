@@ -42,7 +42,7 @@ class QProcess(Recorded):
         try:
             self._process = subprocess.Popen(
                 [program, *arguments],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT if self._merged else subprocess.PIPE,
             )
@@ -65,9 +65,8 @@ class QProcess(Recorded):
     def state(self):
         return self.Running if self._process is not None and self._process.poll() is None else self.NotRunning
 
-    def terminate(self):
-        if self.state() == self.Running:
-            self._process.terminate()
+    def closeWriteChannel(self):
+        self._process.stdin.close()
 
     def kill(self):
         if self.state() == self.Running:
@@ -95,6 +94,7 @@ class QProcess(Recorded):
             LOOP.post(_LOOK_MS, self._look)
             return
         code = self._process.wait()
+        self._process.stdin.close()
         crashed = code < 0
         if crashed:
             self._emit("errorOccurred", self.Crashed)

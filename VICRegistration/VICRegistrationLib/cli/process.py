@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import os
 import signal
@@ -53,6 +54,22 @@ def stoppable() -> Iterator[None]:
     finally:
         for number, usual in mine.items():
             signal.signal(number, usual)
+
+
+def end_with_stdin() -> None:
+    """Have the process end as by Ctrl-C once its stdin is closed, or whoever has started it is gone.
+
+    For programs that start it through a launcher, as Slicer does: signals reach the launcher only.
+    """
+
+    def watch() -> None:
+        # Not through sys.stdin, whose lock would be held while Python ends.
+        with contextlib.suppress(OSError):
+            while os.read(0, 1024):
+                pass
+        _thread.interrupt_main()
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextlib.contextmanager

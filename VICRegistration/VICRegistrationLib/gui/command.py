@@ -9,7 +9,14 @@ from pathlib import Path
 import qt
 
 _LIBRARY = Path(__file__).resolve().parents[2]
-_PROGRAM = "import sys; sys.path.insert(0, sys.argv.pop(1)); from VICRegistrationLib.cli import main; sys.exit(main())"
+_PROGRAM = """\
+import sys
+sys.path.insert(0, sys.argv.pop(1))
+from VICRegistrationLib.cli.process import end_with_stdin
+end_with_stdin()
+from VICRegistrationLib.cli import main
+sys.exit(main())
+"""
 # How long a process that was asked to end may take to tidy up, ms.
 _PATIENCE_MS = 3000
 
@@ -41,7 +48,8 @@ class Command:
 
     def cancel(self):
         """Ask the process to end, and end it if it does not."""
-        self._process.terminate()
+        # Slicer's Python runs behind a launcher, which hands on what is written, but no signal.
+        self._process.closeWriteChannel()
         qt.QTimer.singleShot(_PATIENCE_MS, self._kill)
 
     def _kill(self):
@@ -63,7 +71,8 @@ class Command:
     def _failed(self, error):
         # A process that has crashed finishes as well.
         if error == qt.QProcess.FailedToStart:
-            self._onEnd(-1, "")
+            # It may be told while the process is being started.
+            qt.QTimer.singleShot(0, lambda: self._onEnd(-1, ""))
 
 
 def _text(content):

@@ -41,7 +41,7 @@ class ExportSection:
     def __init__(self, ui):
         self._ui, self._organs, self._current = ui, [], None
         self._command = self._work = self._path = None
-        self._lines = []
+        self._lines, self._cancelled = [], False
         for suffix, text in _formats():
             ui.exportFormatCombo.addItem(text, suffix)
         ui.exportOrgansCombo.addItem(_("Selected organ"))
@@ -75,6 +75,7 @@ class ExportSection:
     def stop(self):
         """End the mesher, if it runs; no file is left of it."""
         if self._command is not None:
+            self._cancelled = True
             self._command.cancel()
 
     def _chosen(self):
@@ -118,7 +119,7 @@ class ExportSection:
                 )
             )
             return
-        self._work, self._lines = tempfile.mkdtemp(prefix="vic-export-"), []
+        self._work, self._lines, self._cancelled = tempfile.mkdtemp(prefix="vic-export-"), [], False
         try:
             arguments, self._path = meshArguments(
                 self._chosen(),
@@ -143,7 +144,9 @@ class ExportSection:
     def _meshed(self, code, report):
         self._command = None
         self._tidyUp()
-        if code != 0:
+        if code != 0 and self._cancelled:
+            self._tell(_("Cancelled; nothing was written."))
+        elif code != 0:
             said = self._lines[-1].partition("error: ")[2] or self._lines[-1] if self._lines else ""
             self._tell(said or _("The mesher ended without a mesh; nothing was written. Try another size."))
         else:
