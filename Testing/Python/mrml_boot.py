@@ -124,6 +124,9 @@ def _follow_nodes(scene):
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def removed(caller, event, node):
+        # Hierarchies are merged when a scene is loaded on top of another.
+        if node.IsA("vtkMRMLSubjectHierarchyNode"):
+            return
         hierarchy = scene.GetSubjectHierarchyNode()
         item = hierarchy.GetItemByDataNode(node) if hierarchy else 0
         if item and not scene.IsClosing():

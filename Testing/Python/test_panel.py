@@ -46,6 +46,21 @@ def test_in_the_panel(panelTests, group, name):
         case.tearDown()
 
 
+def test_a_rename_under_way_outlives_a_refresh(panelTests):
+    case = panelTests.SceneTest()
+    case.setUp()
+    try:
+        case.add("bladder")
+        table = case.ui.organsTable
+        table._edit(0, 2, "half a na")
+        case.panel.refresh()
+        table._return()
+        assert case.organ.label == "half a na"
+        assert table.currentColumn() == 2
+    finally:
+        case.tearDown()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")
 @pytest.mark.usefixtures("recorded")
 def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):

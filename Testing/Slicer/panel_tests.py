@@ -541,6 +541,21 @@ class CompareTest(PanelTestCase):
         self.assertFalse(self.ui.compareButton.enabled)
         self.assertIn("no surface yet", self.ui.compareStatusLabel.text)
 
+    def test_aSegmentDeletedWhileTheModuleIsLeftIsNoLongerChosen(self):
+        node = self.expertsSegment()
+        node.GetSegmentation().AddEmptySegment("other", "other", [0.0, 1.0, 0.0])
+        self.choose(node)
+        self.widget.exit()
+        node.GetSegmentation().RemoveSegment("truth")
+        slicer.app.processEvents()
+        self.widget.enter()
+        selector = self.ui.referenceSegmentSelector
+        self.assertEqual(self.organ.referenceSegmentId, "")
+        self.assertEqual(selector.currentSegmentID(), "")
+        # What is chosen next counts at once.
+        selector.setCurrentSegmentID("other")
+        self.assertEqual(self.organ.referenceSegmentId, "other")
+
     def test_nodesAreDeletedAndTheModuleIsLeftWhileColoursAreShown(self):
         segment = self.expertsSegment()
         self.compare(segment)

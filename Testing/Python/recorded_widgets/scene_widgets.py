@@ -245,6 +245,9 @@ class qMRMLSegmentSelectorWidget(NodeList):
         return self._node.GetID() if self._node is not None else ""
 
     def currentSegmentID(self):
+        if self._segment and self._segment not in self.segmentIDs():
+            # In place of a segment that was removed it takes the first one, and says so.
+            self.setCurrentSegmentID(next(iter(self.segmentIDs()), ""))
         return self._segment
 
     def segmentIDs(self):

@@ -96,13 +96,13 @@ class QHeaderView(QWidget):
 
 
 class QTableWidget(QWidget):
-    """Rows and columns of items and widgets; ``_click`` and ``_rename`` are what a user does."""
+    """Rows and columns of items and widgets; ``_click``, ``_edit`` and ``_rename`` are what a user does."""
 
     def __init__(self, *arguments):
         super().__init__(*[a for a in arguments if not isinstance(a, int)])
         self._rows, self._columns = ([a for a in arguments if isinstance(a, int)] + [0, 0])[:2]
         self._cells, self._widgets, self._titles = {}, {}, {}
-        self._selected, self._current = set(), (-1, -1)
+        self._selected, self._current, self._editor = set(), (-1, -1), None
         self._headers = {"h": QHeaderView(self), "v": QHeaderView(self)}
 
     def horizontalHeader(self):
@@ -163,7 +163,7 @@ class QTableWidget(QWidget):
 
     def selectRow(self, row):
         if 0 <= row < self._rows:
-            self._go(row, max(self._current[1], 0), select=True)
+            self._go(row, 0, select=True)
 
     def clearSelection(self):
         self._select(set())
@@ -201,14 +201,24 @@ class QTableWidget(QWidget):
         self._go(row, column, select=True)
         self._emit("cellClicked", row, column)
 
-    def _rename(self, row, column, text):
-        """Double click, type, Return: only if the item may be edited."""
+    def _edit(self, row, column, text):
+        """Double click and type: only if the item may be edited."""
         item = self.item(row, column)
         if not (item.flags() & EDITABLE and item.flags() & ENABLED and self._get("enabled")):
             msg = f"A user cannot edit row {row}, column {column} of {self._get('objectName')}"
             raise AssertionError(msg)
         self._go(row, column, select=True)
+        self._editor = [item, text]
+
+    def _return(self):
+        """Return ends what is being typed."""
+        (item, text), self._editor = self._editor, None
         item.setText(text)
+
+    def _rename(self, row, column, text):
+        """Double click, type, Return."""
+        self._edit(row, column, text)
+        self._return()
 
     def _get_rowCount(self):
         return self._rows
@@ -250,6 +260,9 @@ class QTableWidget(QWidget):
             thing._destroy()
 
     def _go(self, row, column, *, select):
+        if self._editor is not None and (row, column) != self._current:
+            # Qt takes what was typed so far when another cell becomes the current one.
+            self._return()
         old, self._current = self._current, (row, column)
         if old != self._current:
             self._emit("currentCellChanged", row, column, *old)
@@ -263,5 +276,8 @@ class QTableWidget(QWidget):
             self._emit("itemSelectionChanged")
 
     def _itemChanged(self, item):
+        if self._editor is not None and self._editor[0] is item:
+            # Qt shows in the editor what the item holds now.
+            self._editor[1] = item.text()
         self._emit("itemChanged", item)
         self._emit("cellChanged", item.row(), item.column())

@@ -59,7 +59,7 @@ class OrgansTable:
             if current is None:
                 self._table.clearSelection()
             else:
-                self._table.selectRow(listed.index(current))
+                self._select(listed.index(current))
         finally:
             self._table.blockSignals(blocked)
         self._remove.enabled = current is not None
@@ -101,8 +101,16 @@ class OrgansTable:
         color.blockSignals(blocked)
         texts = (organ.label, f"{organ.volumeMl:.1f}" if organ.volumeMl > 0 else "", organ.state.label())
         for column, text in zip((_NAME, _VOLUME, _STATE), texts):
-            self._table.item(row, column).setText(text)
-            self._table.item(row, column).setToolTip(organ.message)
+            item = self._table.item(row, column)
+            if item.text() != text:
+                item.setText(text)
+            item.setToolTip(organ.message)
+
+    def _select(self, row):
+        # A row that is selected again loses the name that is being typed in it.
+        item = self._table.item(row, _NAME)
+        if self._table.currentRow() != row or not item.isSelected():
+            self._table.selectRow(row)
 
     def _eye(self, node):
         button = qt.QToolButton()

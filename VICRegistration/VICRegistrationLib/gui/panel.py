@@ -187,7 +187,9 @@ class Panel(VTKObservationMixin):
             return
         organ = self._organ
         if self._volume is not None and (organ.seeds is None or organ.boundaryPoints is None):
-            # Somebody has deleted them.
+            # Somebody has deleted them; new lists become those in which clicks place points.
+            self.separateSection.stopPlacing()
+            self.correctSection.stopPlacing()
             self._showOrgan()
         else:
             self.refresh()

@@ -32,6 +32,10 @@ class SegmentChoice:
         if organ is None:
             return
         selector, (node, segmentId) = self._selector, self._kept()
+        if node is not None and segmentId and node.GetSegmentation().GetSegment(segmentId) is None:
+            # Removed while nobody looked; the selector would take another one, which nobody has chosen.
+            segmentId = ""
+            setattr(organ, self._names[1], segmentId)
         blocked = selector.blockSignals(True)
         try:
             if selector.currentNode() is not node:

@@ -174,8 +174,8 @@ class OrganParameters:
     tauAutomatic: bool = True
     profile: Profile = Profile.CENTERED
     levels: Levels = Levels.LOCAL
-    inside: float = 1.0
-    outside: float = 0.0
+    inside: Annotated[float, WithinRange(-LEVELS, LEVELS)] = 1.0
+    outside: Annotated[float, WithinRange(-LEVELS, LEVELS)] = 0.0
     smoothnessLog10: Annotated[float, WithinRange(*RANGES["smoothnessLog10"])] = -5.0
     smoothnessAutomatic: bool = True
     solver: Solver = Solver.GAUSS_NEWTON
