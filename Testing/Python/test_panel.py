@@ -61,6 +61,22 @@ def test_a_rename_under_way_outlives_a_refresh(panelTests):
         case.tearDown()
 
 
+def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
+    def broken(*arguments):
+        raise MemoryError
+
+    case = panelTests.SceneTest()
+    case.setUp()
+    try:
+        case.add("bladder")
+        monkeypatch.setattr("VICRegistrationLib.gui.separate_section.separateOrgan", broken)
+        case.placeSeeds("bladder", count=1)
+        assert "the log tells it" in case.ui.regionStatusLabel.text
+        assert "MemoryError" in caplog.text
+    finally:
+        case.tearDown()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")
 @pytest.mark.usefixtures("recorded")
 def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):

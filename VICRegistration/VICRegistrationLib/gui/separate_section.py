@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
 import qt
@@ -134,6 +135,11 @@ class SeparateSection(VTKObservationMixin):
             region, warnings = separateOrgan(organ, volumeNode)
         except ValueError as error:
             label.text = str(error)
+        except Exception:
+            logging.exception("The separation failed")
+            label.text = _(
+                "The separation failed for a reason that was not foreseen; the log tells it (Help > Report a Bug)."
+            )
         else:
             label.text = "\n".join([_("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}"), *warnings])
         self._onSeparated()
