@@ -16,7 +16,7 @@ from VICRegistrationLib.cli.solids import read_solids
 from VICRegistrationLib.export.mesh_files import read_vtp_surface, write_mesh
 from VICRegistrationLib.export.step import step_text
 from VICRegistrationLib.geometry.models import bell
-from VICRegistrationLib.geometry.surface_file import write_surface
+from VICRegistrationLib.geometry.surface_file import read_surface, write_surface
 from VICRegistrationLib.imaging.reading import write_image
 
 pytestmark = pytest.mark.usefixtures("one_net")
@@ -150,7 +150,11 @@ def test_an_invalid_surface_leaves_no_file_at_all(bladder, tmp_path, out, capsys
     message = capsys.readouterr().err
     assert re.search(r"error: open: The surface has a rim at R .* mm \(u .*\); a solid needs", message)
     assert not out.exists()
-    # Triangles may be open.
+    # Triangles may be open, but not inside out.
+    write_surface(read_surface(bladder).turned(), tmp_path / "turned.json", name="turned")
+    assert export(bladder, tmp_path / "turned.json", "--stl", f"{out}/") == 2
+    assert "turned: The surface is inside out" in capsys.readouterr().err
+    assert not out.exists()
     assert export(tmp_path / "open.json", "--stl", out / "open.stl") == 0
 
 

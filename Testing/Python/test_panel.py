@@ -94,5 +94,5 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
     LOOP.wait(500)
     command.cancel()
     LOOP.waitFor(lambda: ends)
-    assert ends == [(130, "")]
+    assert ends == [(143, "")]
     assert list(tmp_path.iterdir()) == [launcher]

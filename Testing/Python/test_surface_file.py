@@ -42,12 +42,19 @@ def test_a_surface_comes_back_to_the_last_bit(organ, path):
 
 
 def test_extreme_numbers_come_back_to_the_last_bit(tmp_path):
-    net = np.array([0.1 + 0.2, 5e-324, -0.0, 1.7976931348623157e308, 1.0 / 3.0, -np.pi] * 2).reshape(2, 2, 3)
+    net = np.array([0.1 + 0.2, 5e-324, -0.0, 99999.99999999999, 1.0 / 3.0, -np.pi] * 2).reshape(2, 2, 3)
     surface = BSplineSurface((1, 1), [0, 0, 1 / 3, 1 / 3], [-1e-300, 0, 0.7, 0.7], net)
     write_surface(surface, tmp_path / "extreme.json")
     back = read_surface(tmp_path / "extreme.json")
     assert back.control_net.tobytes() == surface.control_net.tobytes()
     assert back.knots_v.tobytes() == surface.knots_v.tobytes()
+
+
+@pytest.mark.parametrize("factor", [1e4, 1e200])
+def test_a_surface_where_no_body_is_is_refused(organ, tmp_path, factor):
+    write_surface(organ.with_control_net(organ.control_net * factor), tmp_path / "far.json")
+    with pytest.raises(ValueError, match=r"far\.json holds no surface: a control point has .* no body lies farther"):
+        read_surface(tmp_path / "far.json")
 
 
 def test_name_net_and_closure_come_back_with_the_surface(path):

@@ -287,7 +287,18 @@ def draw_convergence(axes, fit: OrganFit) -> None:
     axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
     axes.set_axisbelow(True)
     bare(axes)
-    size = 9.0 if len(stages) <= _FEW_STAGES else 7.0
-    # White behind the names: with many stages they reach down to the curves.
-    legend = axes.legend(fontsize=size, title="stage (iterations)", title_fontsize=size, framealpha=0.85)
+    size, columns = 9.0, 1
+    if len(stages) > _FEW_STAGES:
+        # Room above the curves for their names, in two columns.
+        size, columns = 7.0, 2
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high * (high / low) ** (0.04 * len(stages)))
+    legend = axes.legend(
+        fontsize=size,
+        title="stage (iterations)",
+        title_fontsize=size,
+        ncols=columns,
+        loc="upper right",
+        framealpha=0.85,
+    )
     legend.get_frame().set_edgecolor("none")

@@ -183,7 +183,7 @@ def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
         f"area {fit.surface.area() / 100.0:.1f} cm²",
         f"net {net_text(fit.options.net)} {fit.options.closure}",
         f"{fit.iterations} iterations" + (", converged" if fit.converged else ""),
-        f"{fit.seconds:.2f} s",
+        f"fitted in {fit.seconds:.2f} s",
     ]
     lines = ["   ·   ".join(parts)]
     if reference is not None:

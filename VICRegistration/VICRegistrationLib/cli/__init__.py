@@ -47,7 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     except MemoryError:
         return _ended(
-            f"{PROGRAM}: error: There is not enough memory; crop the image or use a smaller net.", USAGE_ERROR
+            f"{PROGRAM}: error: There is not enough memory; crop the image, or ask for a coarser net, mesh or chord "
+            "error.",
+            USAGE_ERROR,
         )
     except (ValueError, OSError, RuntimeError) as error:
         return _ended(f"{PROGRAM}: error: {error}", USAGE_ERROR)

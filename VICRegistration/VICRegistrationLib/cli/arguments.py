@@ -84,7 +84,7 @@ Several organs are described in a JSON file. Its keys are the words of the flags
    "organs": [
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
-      "solver": "gauss-newton", "tau": 1.5, "smoothness": 1e-5, "boundary": [[12.5, -30, 4]]}]}
+      "solver": "gauss-newton", "tau": 1.5, "smoothness": 2e-4, "boundary": [[12.5, -30, 4]]}]}
 organ and seed are needed; net, tau and smoothness that are not given are chosen by what the image shows. Flags beside
 --config hold for the organs that do not say otherwise.
 
@@ -103,6 +103,18 @@ class _Parser(argparse.ArgumentParser):
         """Print the complaint and leave with code 2."""
         line = " ".join(message.split()).rstrip(".")
         self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
+
+
+class _Once(argparse.Action):
+    """A name that counts once: a second one would be taken in its place, and the first forgotten."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        before = getattr(namespace, self.dest)
+        if before is not None:
+            parser.error(
+                f"{option_string} was given twice, {before} and {values}; give several organs by --config FILE"
+            )
+        setattr(namespace, self.dest, values)
 
 
 def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
@@ -179,7 +191,11 @@ def _add_fit(subparsers) -> None:
     )
     which = fit.add_argument_group("which organs")
     which.add_argument(
-        "--organ", metavar="NAME", type=argument(values.organ_name), help="name of the organ and of its files"
+        "--organ",
+        metavar="NAME",
+        type=argument(values.organ_name),
+        action=_Once,
+        help="name of the organ and of its files",
     )
     which.add_argument(
         "--seed",
@@ -239,7 +255,7 @@ def _add_fit(subparsers) -> None:
         metavar="VALUE",
         type=argument(values.smoothness),
         help="stiffness of the surface, 0 for none; ten times as much is ten times as stiff (default: by the noise, "
-        "about 1e-5)",
+        "about 2e-4)",
     )
     how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
     _add_fit_outputs(fit)

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
-from ..export.step import Solid, write_step
+from ..export.step import Solid, validate_solids, write_step
 from ..files import keep_inputs, replacing_folder
 from . import values
 from .solids import file_name, read_solids
@@ -25,8 +25,8 @@ SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is
   a folder              parts/: one file per organ, parts/NAME.step
   a name with {name}    parts/{name}_fine.stl: one file per organ
 All files are LPS mm (DICOM's frame; Slicer opens the triangles in place). The STEP file (AP214) holds the exact
-B-spline surfaces as closed solids with names and colours; a surface that is folded, open, or passes through itself is
-refused. Either all files are written or none.
+B-spline surfaces as closed solids with names and colours. A surface that is folded, inside out, or passes through
+itself is refused, and for STEP one that is open. Either all files are written or none.
 
 examples:
   vic-registration export bladder.json rectum.json --step pelvis.step
@@ -92,6 +92,8 @@ def run(options: argparse.Namespace) -> None:
                 raise ValueError(msg)
             jobs[path] = _writer(kind, part, options)
     keep_inputs(jobs, options.surfaces)
+    # Triangles may be open.
+    validate_solids(solids, require_closed=False)
     _write(jobs)
     speaker()(f"written: {', '.join(map(str, jobs))}")
 

@@ -201,8 +201,9 @@ class _StageLines:
         """Tell the line of the stage so far."""
         first, last = self._steps[0], self._steps[-1]
         state = "" if last.converged else ", not converged"
+        count = f"{len(self._steps)} iteration{'s' if len(self._steps) > 1 else ''}"
         self._say(
-            f"{self._name}: {last.stage}, {len(self._steps)} iterations, cost {first.cost:.4g} -> {last.cost:.4g}, "
+            f"{self._name}: {last.stage}, {count}, cost {first.cost:.4g} -> {last.cost:.4g}, "
             f"{self._now - self._start:.2f} s{state}"
         )
         self._steps, self._start = [], self._now

@@ -38,7 +38,7 @@ Elements are smaller than --size where the surface is strongly curved, so that t
 
 examples:
   vic-registration mesh bladder.json --size 3 --output bladder.msh
-  vic-registration mesh bladder.json vagina.json rectum.json --wall 3 --order 2 --output pelvis.inp
+  vic-registration mesh bladder.json vagina.json rectum.json --wall 2 --order 2 --output pelvis.inp
   vic-registration mesh bladder.json --surface --size 2 --output bladder_2mm.stl
 """
 

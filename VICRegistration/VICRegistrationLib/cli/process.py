@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import contextlib
 import os
 import signal
@@ -18,6 +17,8 @@ class Terminated(BaseException):
 # What each signal raises, and who handles it where nobody has asked to.
 _ENDS = {signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}
 _USUAL = (signal.SIG_DFL, signal.default_int_handler)
+# How long to wait until a signal is told again, s.
+_SOON_S = 0.01
 
 
 @contextlib.contextmanager
@@ -38,12 +39,22 @@ def stoppable() -> Iterator[None]:
         arrived.append(_ENDS[number])
         raise arrived[-1]
 
+    def dropped(unraisable):
+        numbers = [number for number, end in _ENDS.items() if unraisable.exc_type is end]
+        if not (numbers and arrived):
+            usual_hook(unraisable)
+            return
+        # Python drops what is raised while it throws objects away: again, once it is done with that.
+        threading.Timer(_SOON_S, signal.raise_signal, numbers).start()
+
+    usual_hook = sys.unraisablehook
     mine = {}
     if threading.current_thread() is threading.main_thread():
         mine = {number: signal.getsignal(number) for number in _ENDS if signal.getsignal(number) in _USUAL}
     try:
         for number in mine:
             signal.signal(number, end)
+        sys.unraisablehook = dropped
         yield
     except Exception:
         # Python wraps what is raised while a class is made (an import may be under way) into an error of its own, and
@@ -52,12 +63,13 @@ def stoppable() -> Iterator[None]:
             raise arrived[0] from None
         raise
     finally:
+        sys.unraisablehook = usual_hook
         for number, usual in mine.items():
             signal.signal(number, usual)
 
 
 def end_with_stdin() -> None:
-    """Have the process end as by Ctrl-C once its stdin is closed, or whoever has started it is gone.
+    """Have the process end as by SIGTERM once its stdin is closed, or whoever has started it is gone.
 
     For programs that start it through a launcher, as Slicer does: signals reach the launcher only.
     """
@@ -67,7 +79,8 @@ def end_with_stdin() -> None:
         with contextlib.suppress(OSError):
             while os.read(0, 1024):
                 pass
-        _thread.interrupt_main()
+        # Not as by Ctrl-C, which is ignored in what was started in the background.
+        signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
 

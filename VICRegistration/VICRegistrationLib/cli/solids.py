@@ -13,6 +13,9 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
 from . import values
 
+# Files of the same organs that hold triangles or solids.
+_OTHERS = (".stl", ".ply", ".step", ".stp")
+
 
 def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     """Read surfaces with their names, each in its organ's colour.
@@ -36,6 +39,9 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     surfaces: dict[str, BSplineSurface] = {}
     read: dict[str, Path] = {}
     for path in map(Path, paths):
+        if path.suffix.lower() in _OTHERS:
+            msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
+            raise ValueError(msg)
         record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
         name = record.name or path.stem
         before = read.setdefault(values.file_key(name), path)

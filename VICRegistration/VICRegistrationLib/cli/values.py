@@ -12,7 +12,7 @@ from ..registration.losses import LOSSES
 from ..registration.solvers import SOLVERS
 
 # Beyond this the control points lie closer together than any image has voxels.
-_LARGEST_NET = 200
+_LARGEST_NET = 65
 _FORBIDDEN = '<>:"/\\|?*'
 _LONGEST_NAME = 100
 # Of file systems, in bytes; the longest ending of an organ's files is _convergence.csv.
@@ -134,7 +134,7 @@ def smoothness(value: object) -> float:
     """Check the weight of the bending energy, dimensionless."""
     number = _number(value)
     if number is None or number < 0.0:
-        msg = f"{value!r} was given; a smoothness is zero or a positive number such as 1e-5"
+        msg = f"{value!r} was given; a smoothness is zero or a positive number such as 2e-4"
         raise ValueError(msg)
     return number
 

@@ -74,12 +74,14 @@ def write_step(
         draft.write_text(text, encoding="ascii")
 
 
-def validate_solids(solids: Sequence[Solid]) -> None:
+def validate_solids(solids: Sequence[Solid], *, require_closed: bool = True) -> None:
     """Look at every surface as the boundary of a solid.
 
     Parameters
     ----------
     solids : sequence of Solid
+    require_closed : bool
+        Whether an open one is refused too.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def validate_solids(solids: Sequence[Solid]) -> None:
     """
     for solid in solids:
         try:
-            validate(solid.surface)
+            validate(solid.surface, require_closed=require_closed)
         except ValueError as error:
             msg = f"{solid.name}: {error}"
             raise ValueError(msg) from error

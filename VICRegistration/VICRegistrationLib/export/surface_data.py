@@ -22,6 +22,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkFieldData, vtkPolyDat
 from ..files import reason
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh
+from ..geometry.validity import check_place
 
 _NUMBERS = ("degrees", "knots_u", "knots_v", "control_net", "control_net_shape")
 
@@ -147,10 +148,12 @@ def surface_in(data: vtkFieldData, where: str, *, remedy: str, role: str = "") -
     try:
         net = numbers["control_net"].reshape(*numbers["control_net_shape"], 3)
         degrees = tuple(int(degree) for degree in numbers["degrees"])
-        return BSplineSurface(degrees, numbers["knots_u"], numbers["knots_v"], net)
+        surface = BSplineSurface(degrees, numbers["knots_u"], numbers["knots_v"], net)
+        check_place(surface)
     except (ValueError, TypeError) as error:
         msg = f"The {where} holds no surface: {reason(error)}."
         raise ValueError(msg) from error
+    return surface
 
 
 def add_text(data: vtkPolyData, key: str, text: str) -> None:

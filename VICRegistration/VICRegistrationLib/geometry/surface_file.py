@@ -28,6 +28,7 @@ from pathlib import Path
 
 from ..files import replacing
 from .surface import BSplineSurface
+from .validity import check_place
 
 SCHEMA = "vic-registration/surface"
 VERSION = 1
@@ -198,10 +199,12 @@ def _surface_of(content: dict, path: Path) -> BSplineSurface:
         msg = f"The file {path} has the degrees {content['degrees']}; give two whole numbers, in u and in v."
         raise ValueError(msg)
     try:
-        return BSplineSurface(tuple(content["degrees"]), content["knots_u"], content["knots_v"], rows)
+        surface = BSplineSurface(tuple(content["degrees"]), content["knots_u"], content["knots_v"], rows)
+        check_place(surface)
     except (ValueError, OverflowError) as error:
         msg = f"The file {path} holds no surface: {error}"
         raise ValueError(msg) from error
+    return surface
 
 
 def _is_list_of(value: object, kind: type) -> bool:

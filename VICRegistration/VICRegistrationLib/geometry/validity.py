@@ -13,6 +13,8 @@ from .triangulation import triangulate
 
 # Samples of the normals in u and in v at least: some six degrees of the turn around an organ each.
 _LEAST_SAMPLES = (64, 40)
+# No body lies farther from the origin: 100 m.
+_FARTHEST_MM = 1e5
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,27 @@ def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tu
     if not folds:
         folds = [problem for problem in (_intersection_problem(surface),) if problem]
     return tuple(problems + folds)
+
+
+def check_place(surface: BSplineSurface) -> None:
+    """Refuse a surface where no body is: it is in another unit, or its numbers are spoilt.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+
+    Raises
+    ------
+    ValueError
+        If a control point lies farther from the origin than 100 m.
+    """
+    farthest = float(np.abs(surface.control_net).max())
+    if farthest > _FARTHEST_MM:
+        msg = (
+            f"a control point has the coordinate {farthest:.3g} mm, and no body lies farther than {_FARTHEST_MM:g} mm "
+            "from the origin; write the surface again, in mm."
+        )
+        raise ValueError(msg)
 
 
 def validate(surface: BSplineSurface, *, require_closed: bool = True) -> None:

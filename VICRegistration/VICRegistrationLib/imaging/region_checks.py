@@ -58,7 +58,7 @@ def checked_radius(name, radius, image):
     largest = float((image.spacing * image.size).max()) / 2.0
     if radius > largest:
         msg = (
-            f"The {name} is {radius:g} mm, more than half of the volume's longest side ({largest:.4g} mm); no organ is "
+            f"The {name} is {radius:g} mm, more than half of the volume's longest side, {largest:.4g} mm; no organ is "
             "that thick. Use a few millimetres."
         )
         raise ValueError(msg)

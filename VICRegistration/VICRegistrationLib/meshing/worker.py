@@ -136,9 +136,9 @@ def check_cut(tool: str, name: str, parts: Sequence[float], told: Mapping) -> No
     kept = told["whole"] - sum(told["given"].values())
     if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
         msg = (
-            f"{tool} could not cut {name} where it meets its neighbours: they overlap too much or have most of their "
-            "surfaces in common. Look at vic-registration gaps, correct the surfaces, take another wall, or mesh the "
-            "organs one by one."
+            f"{tool} could not cut {name} where it meets its neighbours: they or their walls overlap too much or have "
+            "most of their surfaces in common. Take a thinner wall or the other mesher (--tool), correct the surfaces "
+            "(vic-registration gaps tells how they lie), or mesh the organs one by one."
         )
         raise JobError(msg)
 

@@ -36,6 +36,9 @@ from .plan import Plan, generic_model, surface_stages
 from .refitting import fit_again, looked_at
 from .stages import Step
 
+# Least width of an edge that is looked for, in voxels.
+_LEAST_TAU = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class OrganFit:
@@ -174,6 +177,7 @@ def fit_region(
     points = checked_boundary_points(boundary_points)
     options = _resolved(options or FitOptions(), region)
     pose = moments(region)
+    _check_tau(options.tau, image)
     _check_thickness(pose, options.tau or TAU_PIXELS * float(min(image.spacing)))
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
@@ -303,6 +307,17 @@ def _check_grid(image: Image, region: Region) -> None:
     )
     if not (fits and same):
         msg = "The region does not lie on the image's grid; separate the organ in this image, or resample its mask."
+        raise ValueError(msg)
+
+
+def _check_tau(tau: float | None, image: Image) -> None:
+    """Refuse an edge that is much sharper than any image."""
+    pixel = float(min(image.spacing))
+    if tau is not None and tau < _LEAST_TAU * pixel:
+        msg = (
+            f"A tau of {tau:g} mm was given, and voxels are {pixel:.3g} mm: no image shows an edge as sharp. Give two "
+            "to three voxels, or leave it to be chosen."
+        )
         raise ValueError(msg)
 
 

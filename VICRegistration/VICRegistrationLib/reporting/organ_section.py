@@ -108,7 +108,7 @@ def _result(organ: ReportedOrgan) -> Html:
             f"{fit.cost_final:.3g}; {fit.cost_initial:.3g} for the generic model as placed (mean squared difference "
             "between virtual and real image, in units of the contrast)",
         ),
-        ("Time", f"{organ.seconds:.2f} s from the seeds to the surface"),
+        ("Time", f"{organ.seconds:.2f} s from the seeds to the surface, {fit.seconds:.2f} s from the region"),
         ("Control net", f"{net_text(fit.options.net)}, {fit.options.closure} closure"),
     ]
     rows.insert(3, ("Follows no edge", f"on {percent_text(organ.confidence.unsupported_share)} of the area"))
@@ -177,9 +177,12 @@ def _deviation_tables(compared: Compared) -> tuple[Html, Html]:
     keys = ("mean", "std", "rms", "median", "p95", "maximum")
     rows = [(way, *(f"{getattr(each, key):.2f}" for key in keys), f"{each.mean_signed:+.2f}") for way, each in ways]
     others = [f"Dice {tolerance:g} mm" for tolerance, _ in found.surface_dice]
-    others += ["volume Dice", "Hausdorff", "reference", "fitted"]
+    others += ["volume Dice", "Hausdorff", "reference", "fitted", "difference"]
     shares = [f"{share:.3f}" for _, share in (*found.surface_dice, ("", found.volume_dice))]
-    volumes = (f"{found.reference_ml:.1f} ml", f"{found.volume_difference_ml:+.1f} ml")
+    volumes = (
+        *(f"{volume:.1f} ml" for volume in (found.reference_ml, found.volume_ml)),
+        f"{found.volume_difference_ml:+.1f} ml",
+    )
     row = ("both ways", *shares, f"{found.hausdorff:.2f} mm", *volumes)
     return table(titles, rows), table(("", *others), [row])
 

@@ -101,4 +101,5 @@ def _draw(figure, left, points, triangles, values, label, colour_map, *, smooth)
     camera = Camera.from_direction(_VIEWER)
     draw_coloured(axes, mesh, np.repeat(values, 3), camera=camera, limits=limits, colour_map=colour_map)
     place = (left + 0.05, 0.085, 0.35, 0.022)
-    draw_colour_bar(figure, place, limits=limits, colour_map=colour_map, label=label)
+    extend = "max" if values.max() > limits[1] else "neither"
+    draw_colour_bar(figure, place, limits=limits, colour_map=colour_map, label=label, extend=extend)

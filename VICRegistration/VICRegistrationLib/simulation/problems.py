@@ -12,6 +12,7 @@ import numpy as np
 
 # Standard gravity, m/s^2.
 GRAVITY = 9.80665
+_STIFFEST_KPA = 1e9
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,11 @@ class Material:
     def __post_init__(self) -> None:
         """Check every value by itself."""
         _check_positive("Young's modulus", self.young, "kPa", 300)
+        if self.young > _STIFFEST_KPA:
+            msg = (
+                f"A Young's modulus of {self.young:g} kPa was given, and diamond has {_STIFFEST_KPA:g}; give it in kPa."
+            )
+            raise ValueError(msg)
         _check_positive("density", self.density, "kg/m³", 1050)
         if not -1.0 < self.poisson < 0.5:
             msg = f"A Poisson's ratio of {self.poisson:g} was given; it lies above -1 and below 0.5, such as 0.45."

@@ -83,7 +83,7 @@ def write_report(solution: Solution, path: str | os.PathLike, *, mesh: str, file
     content = {
         "schema": SCHEMA,
         "version": VERSION,
-        "program": __version__,
+        "program": f"vic-registration {__version__}",
         "mesh": mesh,
         "case": "self-weight" if isinstance(solution.problem, SelfWeight) else "pressure",
         "units": {"length": "mm", "stress": "kPa", "force": "mN", "energy": "uJ", "density": "kg/m3"},
