@@ -183,6 +183,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--boundary", "60,8,-20"], ["bladder: Boundary point 1", "58 mm from the surface", "within 30 mm"]),
         (["--boundary", "1e308,0,0"], ["bladder: Boundary point 1 is [1e+308, 0.0, 0.0]"]),
         (["--tau", "0"], ["--tau", "positive length"]),
+        (["--tau", "1e-9"], ["bladder: A tau of 1e-09 mm", "voxels are 1.2 mm", "two to three voxels"]),
         (["--smoothness", "-1e-5"], ["--smoothness", "zero or a positive number such as 2e-4"]),
         (["--smoothness", "inf"], ["--smoothness", "zero or a positive number"]),
         (["--solver", "newton"], ["--solver", "gauss-newton", "gradient-descent"]),
@@ -205,6 +206,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--series", "1.2.3"], ["A series was named", "is a file"]),
         (["--sead", "1,2,3"], ["unrecognized arguments: --sead 1,2,3"]),
         (["--config", "organs.json"], ["Both --config and --organ were given"]),
+        (["--organ", "rectum"], ["--organ was given twice, bladder and rectum", "--config FILE"]),
     ],
 )
 def test_options_that_cannot_be_met(refused_fit, image_path, options, words):

@@ -258,6 +258,7 @@ def test_a_pressure_that_cannot_act_is_refused(problem, match):
     ("make", "match"),
     [
         (lambda: Material(young=0.0), "Young's modulus of 0 kPa"),
+        (lambda: Material(young=1e300), "diamond has 1e\\+09"),
         (lambda: Material(poisson=0.5), "Poisson's ratio of 0.5"),
         (lambda: Material(density=float("nan")), "density of nan"),
         (lambda: SelfWeight(direction=(0.0, 0.0, 0.0)), "three numbers R,A,S, not all 0"),

@@ -292,7 +292,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
         # Room above the curves for their names, in two columns.
         size, columns = 7.0, 2
         low, high = axes.get_ylim()
-        axes.set_ylim(low, high * (high / low) ** (0.04 * len(stages)))
+        axes.set_ylim(low, high * (high / low) ** (0.07 * len(stages)))
     legend = axes.legend(
         fontsize=size,
         title="stage (iterations)",
