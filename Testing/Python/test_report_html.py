@@ -208,7 +208,11 @@ def test_confidence_choices_and_deviation_are_told(parsed, full):
     found = full.compared.comparison
     assert f"{found.to_surface.mean:.2f}" in parsed.words
     assert f"{found.to_reference.mean_signed:+.2f}" in parsed.words
-    assert f"{found.volume_dice:.3f}" in parsed.words
+    volumes = (found.reference_ml, found.volume_ml)
+    row = [f"{found.volume_dice:.3f}", f"{found.hausdorff:.2f} mm", *(f"{volume:.1f} ml" for volume in volumes)]
+    start = parsed.words.index(row[0])
+    assert parsed.words[start : start + 5] == [*row, f"{found.volume_difference_ml:+.1f} ml"]
+    assert parsed.words[parsed.words.index("Hausdorff") :][:4] == ["Hausdorff", "reference", "fitted", "difference"]
 
 
 def test_inputs_tell_what_was_given_and_what_was_chosen(parsed):
