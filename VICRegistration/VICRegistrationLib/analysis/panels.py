@@ -287,10 +287,10 @@ def draw_convergence(axes, fit: OrganFit) -> None:
     axes.grid(axis="y", which="both", color="#e7eaee", linewidth=0.7)
     axes.set_axisbelow(True)
     bare(axes)
-    size, columns = 9.0, 1
+    size, columns, place = 9.0, 1, "best"
     if len(stages) > _FEW_STAGES:
         # Room above the curves for their names, in two columns.
-        size, columns = 7.0, 2
+        size, columns, place = 7.0, 2, "upper right"
         low, high = axes.get_ylim()
         axes.set_ylim(low, high * (high / low) ** (0.07 * len(stages)))
     legend = axes.legend(
@@ -298,7 +298,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
         title="stage (iterations)",
         title_fontsize=size,
         ncols=columns,
-        loc="upper right",
+        loc=place,
         framealpha=0.85,
     )
     legend.get_frame().set_edgecolor("none")
