@@ -37,7 +37,7 @@ def looked_around(image, seeds, given):
     for _ in range(_ROUNDS):
         radius = ball_radius(edges.volume)
         away = np.linalg.norm(edges.halves[:, None] - edges.seeds, axis=2).min(axis=1)
-        others = edges.halves[(away > _OFF_SEEDS * radius) & _held(image, limits, edges.halves)]
+        others = edges.halves[(away > _OFF_SEEDS * radius) & within_limits(image, limits, edges.halves)]
         if not len(others):
             break
         seen = find_edges(image, others)
@@ -50,7 +50,7 @@ def looked_around(image, seeds, given):
     return settled, edges
 
 
-def _held(image, limits, points):
+def within_limits(image, limits, points):
     """Whether the voxels around points lie within the limits; False outside of the volume."""
     voxels = np.rint(image.to_ijk(points)[:, ::-1]).astype(int)
     inside = np.all((voxels >= 0) & (voxels < image.array.shape), axis=1)

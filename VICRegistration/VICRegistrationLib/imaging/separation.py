@@ -11,7 +11,7 @@ from scipy import ndimage
 from .boxes import ball_box, bounds, pieces
 from .image import Image
 from .limits import Limits
-from .lookout import looked_around
+from .lookout import looked_around, within_limits
 from .morphology import ball_reach, dilate, erode, fill_holes
 from .region_checks import (
     LEAK_FACTOR,
@@ -252,8 +252,7 @@ def _separated_by_default(image, edges, seeds, limits, dilation):
             break
     if last is None:
         # Not even without erosion: the limits of all that was seen leave a seed out, as between seeds in two tissues.
-        held = [bool(limits.holds(voxel, image.array[tuple(voxel)].reshape(1, 1, 1))) for voxel in voxels]
-        lost = held.index(False)
+        lost = int(np.argmin(within_limits(image, limits, seeds)))
         refuse_seed(image, seeds[lost], voxels[lost], limits, suggested=True)
     return last
 

@@ -32,7 +32,7 @@ class Outcome:
         With everything filled in.
     choices : tuple of Choice
     cost_initial : float
-        Cost of the generic model, seen with the levels of the last stage.
+        Cost of the generic model, or of the surface that is fitted again, seen with the levels of the last stage.
     """
 
     options: FitOptions

@@ -204,9 +204,9 @@ def refit(
     """Fit a surface again that is there already, step by step.
 
     Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
-    already, see :func:`.refitting.fit_again`. With boundary points, they pull the surface
-    in their surroundings, see :mod:`.correction`, and everything else stays where it is: what earlier points did too.
-    To take a point back, start from `OrganFit.uncorrected` with those that are left.
+    already, see :func:`.refitting.fit_again`. With boundary points, they pull the surface in their surroundings, see
+    :mod:`.correction`, and everything else stays where it is: what earlier points did too. To take a point back, start
+    from `OrganFit.uncorrected` with those that are left.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def refit(
     if _count(points, options):
         outcome = looked_at(image, surface, options)
     else:
-        outcome = yield from placed(fit_again(image, surface, options), lambda step: step, history)
+        outcome = yield from placed(fit_again(image, surface, options), lambda found: found, history)
     reached = history[-1].surface if history else surface
     corrected = yield from _corrected(image, reached, points, outcome.options)
     return _result(image, reached, history, corrected, points, outcome, region=region, start=start)
