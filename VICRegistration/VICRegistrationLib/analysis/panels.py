@@ -297,7 +297,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
         fontsize=size,
         title="stage (iterations)",
         title_fontsize=size,
-        ncols=columns,
+        ncol=columns,
         loc=place,
         framealpha=0.85,
     )
