@@ -25,9 +25,9 @@ from slicer_views import SLICES, SliceView, ThreeDView, draws_off_screen, side_b
 
 from VICRegistration import VICRegistrationLogic
 from VICRegistrationLib.geometry.triangulation import triangulate
-from VICRegistrationLib.imaging.phantom import paint, volume_fractions
 from VICRegistrationLib.mrml.fitting import fitSteps
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface
+from VICRegistrationLib.phantoms.painting import paint, volume_fractions
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import finish
 

@@ -384,6 +384,6 @@ class VICRegistrationTest(ScriptedLoadableModuleTest):
 
     def deviation(self, organ):
         """Mean distance of an organ's surface from the truth, mm."""
-        from VICRegistrationLib.analysis.deviation import deviation
+        from VICRegistrationLib.analysis.distances import deviation
 
         return deviation(self.logic.surface(organ), self.phantom.surfaces[organ.label], n_points=2000).mean

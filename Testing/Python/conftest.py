@@ -53,7 +53,7 @@ def few_points(monkeypatch):
 def small_pictures():
     """Draw pictures with few pixels, for tests that do not look at them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("VICRegistrationLib.analysis.canvas._DPI", 30)
+        patch.setattr("VICRegistrationLib.report.canvas._DPI", 30)
         yield
 
 

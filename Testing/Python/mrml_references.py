@@ -11,10 +11,10 @@ from mrml_scenes import slicer
 from small_phantom import CENTER, ellipsoid
 from vtk.util.numpy_support import vtk_to_numpy
 
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import volume_fractions
 
 DEVIATION, STANDARD_DEVIATION = "Deviation (mm)", "Standard deviation (mm)"
 

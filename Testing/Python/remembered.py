@@ -7,10 +7,10 @@ import hashlib
 import numpy as np
 
 from VICRegistrationLib.geometry.surface import BSplineSurface
-from VICRegistrationLib.imaging import separation
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import Region
+from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.registration import organ
+from VICRegistrationLib.segmentation import separation
 
 # By what was asked for.
 _KNOWN = {}

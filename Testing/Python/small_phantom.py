@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import paint, volume_fractions
+from VICRegistrationLib.phantoms.painting import paint
 
 CENTER = np.array([-12.0, 8.0, -20.0])
 SEED = "-12,8,-20"

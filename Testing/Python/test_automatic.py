@@ -9,17 +9,18 @@ import pytest
 import random_organs
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
-from VICRegistrationLib.analysis.deviation import deviation, points_on
+from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry import models, parametrization
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.imaging.separation import region_from_box, separate
+from VICRegistrationLib.registration.drift_limit import astray
 from VICRegistrationLib.registration.edge_width import edge_width
 from VICRegistrationLib.registration.finer_nets import first_net, noise_share
-from VICRegistrationLib.registration.leash import astray
 from VICRegistrationLib.registration.nets import net_of
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region, refit
+from VICRegistrationLib.segmentation.separation import separate
 
 
 @pytest.fixture(scope="module")

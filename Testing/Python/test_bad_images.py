@@ -14,9 +14,10 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
 from VICRegistrationLib.imaging.morphology import erode
 from VICRegistrationLib.imaging.reading import read_image, write_image
-from VICRegistrationLib.imaging.separation import Region, region_from_mask, separate
-from VICRegistrationLib.imaging.threshold import suggest_threshold
+from VICRegistrationLib.imaging.region import Region, region_from_mask
 from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.threshold import suggest_threshold
 
 
 @pytest.fixture

@@ -51,7 +51,7 @@ def image(modules):
 
 @pytest.fixture(scope="module")
 def scene(modules, image):
-    from VICRegistrationLib.imaging.separation import separate
+    from VICRegistrationLib.segmentation.separation import separate
 
     return modules["scenes"].Scene("organ", image, separate(image, np.zeros((1, 3))))
 
@@ -108,7 +108,7 @@ def test_a_surface_against_itself_is_off_by_nothing(modules, image):
 
 
 def test_normals_of_a_label_are_those_of_the_shape_that_was_drawn(modules):
-    from VICRegistrationLib.analysis.deviation import mesh_of_mask, points_on
+    from VICRegistrationLib.analysis.distances import mesh_of_mask, points_on
     from VICRegistrationLib.imaging.image import Image
 
     matrix = np.diag([-0.5, 0.5, 1.0, 1.0])
@@ -290,7 +290,7 @@ def test_energies_of_both_problems_are_told(modules):
 
 
 def test_other_seeds_lie_deep_in_the_lumen_and_are_always_the_same(modules, image):
-    from VICRegistrationLib.imaging.separation import region_from_mask
+    from VICRegistrationLib.imaging.region import region_from_mask
 
     mask = np.zeros(image.array.shape, dtype=bool)
     mask[2:-2, 5:-5, 5:-5] = True

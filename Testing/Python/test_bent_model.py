@@ -8,15 +8,16 @@ from random_organs import painted, random_organ
 from scipy.spatial import cKDTree
 from tubes import RADIUS_MM, bent_tube
 
-from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
-from VICRegistrationLib.imaging.separation import region_from_mask, separate
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration import bent_model as bent_model_module
 from VICRegistrationLib.registration.bent_model import bent_axis, bent_model, start_model
 from VICRegistrationLib.registration.organ import finish, fit_region
 from VICRegistrationLib.registration.plan import generic_model
 from VICRegistrationLib.registration.region_image import region_image
+from VICRegistrationLib.segmentation.separation import separate
 
 
 def target(image, region):

@@ -9,14 +9,14 @@ import pytest
 from boundaries import HEIGHT_MM, PLACES, moved, off, pull
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
-from VICRegistrationLib.analysis.deviation import deviation, points_on
+from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.models import bell, closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
-from VICRegistrationLib.imaging.separation import separate
 from VICRegistrationLib.registration.boundary import boundary_deviations
 from VICRegistrationLib.registration.nets import closure_of, net_of, refined
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region, refit
+from VICRegistrationLib.segmentation.separation import separate
 
 SEED = CENTER[None]
 

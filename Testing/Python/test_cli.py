@@ -15,7 +15,7 @@ import pytest
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import __version__, cli
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.cli.arguments import parsed_arguments
 from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.surface_file import read_surface_record

@@ -10,9 +10,9 @@ from reorientation import motion, reordered
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import region_from_box
+from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.confidence import confidence_of
-from VICRegistrationLib.registration.doubts import warnings_about
+from VICRegistrationLib.registration.diagnostics import warnings_about
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
 
 RADIUS, INSIDE, OUTSIDE = 20.0, 200.0, 80.0

@@ -9,8 +9,8 @@ from needs_gmsh import gmsh_or_skip
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import demo
+from VICRegistrationLib.cli.configuration import organ_request
 from VICRegistrationLib.cli.fitting import fit_to_folder
-from VICRegistrationLib.cli.requests import organ_request
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.phantoms import pelvis
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robustness import ALLOWED_MM, trials
 
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
 

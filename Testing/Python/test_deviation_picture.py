@@ -7,13 +7,13 @@ import io
 import numpy as np
 import pytest
 
-from VICRegistrationLib.analysis.canvas import blank_figure, png_bytes
-from VICRegistrationLib.analysis.coloured_surface import SIDES, draw_colour_bar, draw_coloured, draw_sides
 from VICRegistrationLib.analysis.comparison import compare, distances_from
-from VICRegistrationLib.analysis.deviation_picture import colour_limit, deviation_figure, deviation_picture
-from VICRegistrationLib.analysis.shading import Camera
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.report.canvas import blank_figure, png_bytes
+from VICRegistrationLib.report.coloured_surface import SIDES, draw_colour_bar, draw_coloured, draw_sides
+from VICRegistrationLib.report.deviation_picture import colour_limit, deviation_figure, deviation_picture
+from VICRegistrationLib.report.shading import Camera
 
 pytest.importorskip("matplotlib", reason="pictures need matplotlib")
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from small_phantom import CENTER, ellipsoid_image
 
-from VICRegistrationLib.imaging.separation import separate
-from VICRegistrationLib.registration.doubts import border_sides, warnings_about
+from VICRegistrationLib.registration.diagnostics import border_sides, warnings_about
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.segmentation.separation import separate
 
 
 def test_a_sound_fit_gives_no_warning():

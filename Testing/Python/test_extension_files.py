@@ -12,18 +12,21 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
-PACKAGES = {
-    "geometry",
-    "imaging",
-    "registration",
-    "analysis",
-    "export",
-    "reporting",
-    "meshing",
-    "simulation",
-    "mrml",
-    "gui",
-}
+# Each folder imports from those in the rows above it only.
+ROWS = (
+    ("files", "file_names"),
+    ("geometry", "imaging"),
+    ("segmentation",),
+    ("registration",),
+    ("export",),
+    ("analysis",),
+    ("phantoms", "meshing"),
+    ("report",),
+    ("validation", "simulation"),
+    ("mrml", "cli"),
+    ("gui", "demo"),
+)
+ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 SLICER_NAMES = {"slicer", "qt", "ctk", "SampleData", "MRMLCorePython"}
 ICONS = [ROOT / "Resources" / "VICRegistration.png", MODULE / "Resources" / "Icons" / "VICRegistration.png"]
 
@@ -51,13 +54,12 @@ def imported_names(path):
             yield from (".".join([*base, alias.name]) for alias in node.names)
 
 
-def packages_imported_by(package):
-    """Packages of the library that the files of one of its packages import."""
-    for path in sorted((LIBRARY / package).rglob("*.py")):
-        for name in imported_names(path):
-            parts = name.split(".")
-            if parts[0] == "VICRegistrationLib" and len(parts) > 1 and parts[1] in PACKAGES:
-                yield path.name, parts[1]
+def rooms_imported_by(path):
+    """Folders and single files of the library that a file of it imports."""
+    for name in imported_names(path):
+        parts = name.split(".")
+        if parts[0] == "VICRegistrationLib" and len(parts) > 1 and parts[1] in ROW_OF:
+            yield parts[1]
 
 
 @pytest.mark.parametrize(
@@ -132,26 +134,25 @@ def test_the_licence_is_apache_2():
     assert "END OF TERMS AND CONDITIONS" in text
 
 
-@pytest.mark.parametrize(
-    ("package", "allowed"),
-    [
-        ("geometry", {"geometry"}),
-        ("imaging", {"imaging"}),
-        ("registration", {"registration", "geometry", "imaging"}),
-        ("analysis", PACKAGES - {"mrml", "gui", "meshing", "simulation", "reporting"}),
-        ("export", PACKAGES - {"mrml", "gui", "meshing", "simulation", "reporting"}),
-        ("reporting", {"reporting", "analysis", "registration", "geometry", "imaging"}),
-        ("meshing", {"meshing", "analysis", "export", "geometry"}),
-        ("simulation", {"simulation", "meshing", "export", "analysis", "geometry"}),
-        ("mrml", PACKAGES - {"gui"}),
-    ],
-)
-def test_imports_point_one_way(package, allowed):
-    assert [found for found in packages_imported_by(package) if found[1] not in allowed] == []
+def test_every_folder_has_a_row():
+    rooms = {path.name for path in LIBRARY.iterdir() if path.is_dir()} | {path.stem for path in LIBRARY.glob("*.py")}
+    assert rooms - {"__init__", "__pycache__"} == set(ROW_OF)
+
+
+@pytest.mark.parametrize("room", ROW_OF)
+def test_imports_point_one_way(room):
+    files = sorted((LIBRARY / room).rglob("*.py")) or [LIBRARY / f"{room}.py"]
+    upwards = [
+        (path.relative_to(LIBRARY).as_posix(), other)
+        for path in files
+        for other in rooms_imported_by(path)
+        if other != room and ROW_OF[other] >= ROW_OF[room]
+    ]
+    assert upwards == []
 
 
 def test_the_architecture_names_every_package():
-    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## Architecture")[1]
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^ {8}(\w+)/ ", text, re.MULTILINE))
     assert named == {path.parent.name for path in LIBRARY.glob("*/__init__.py")}
 

@@ -156,12 +156,12 @@ def test_every_module_has_a_sentence_in_the_readme():
         assert re.search(rf"\*\*Module {module.stem}\*\*[^.]+\.", README), module.stem
 
 
-def test_the_readme_has_a_tutorial_with_sample_data_and_pictures():
-    section = README.split("\n## In Slicer\n")[1].split("\n## ")[0]
-    steps = re.findall(r"^\d+\. ", section, re.MULTILINE)
-    assert len(steps) >= 7
-    assert "Sample Data" in section
-    assert "Resources/Screenshots/" in section
+def test_the_readme_leads_to_a_tutorial_with_sample_data_and_pictures():
+    assert "](docs/tutorial.md)" in README
+    tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    assert len(re.findall(r"^\d+\. ", tutorial, re.MULTILINE)) >= 7
+    assert "Sample Data" in tutorial
+    assert "Resources/Screenshots/" in tutorial
 
 
 def test_the_repository_is_small():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reorientation import motion, reordered
 
-from VICRegistrationLib.analysis.deviation import points_on
+from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from VICRegistrationLib.imaging.edges import find_edges
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.limits import Limits
-from VICRegistrationLib.imaging.lookout import looked_around
-from VICRegistrationLib.imaging.separation import separate
-from VICRegistrationLib.imaging.threshold import threshold_between
+from VICRegistrationLib.segmentation.limits import Limits
+from VICRegistrationLib.segmentation.ray_edges import find_edges
+from VICRegistrationLib.segmentation.ray_origins import looked_around
+from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.threshold import threshold_between
 
 RADIUS, WALL_MM = 22.0, 4.0
 

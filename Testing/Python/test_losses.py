@@ -7,7 +7,7 @@ import pytest
 from test_confidence import RADIUS, ball
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import region_from_box
+from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.losses import sample_shares
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import finish, fit_region

@@ -7,7 +7,7 @@ import pytest
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
-from VICRegistrationLib.imaging.separation import region_from_mask
+from VICRegistrationLib.imaging.region import region_from_mask
 
 
 def region_in(matrix, shape, contains):

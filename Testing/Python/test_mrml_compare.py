@@ -22,11 +22,11 @@ from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
-from VICRegistrationLib.analysis.deviation import ReferenceMesh, mesh_of_mask
+from VICRegistrationLib.analysis.distances import ReferenceMesh, mesh_of_mask
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import volume_fractions
 
 pytestmark = pytest.mark.usefixtures("remembered", "few_points")
 

@@ -10,7 +10,7 @@ from reorientation import motion, reordered
 from small_phantom import CENTER, SEED, ellipsoid
 
 from VICRegistrationLib import cli
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface_file import read_surface_record

@@ -12,7 +12,7 @@ from reorientation import motion, reordered
 from small_phantom import CENTER
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import separate
+from VICRegistrationLib.segmentation.separation import separate
 
 pytestmark = pytest.mark.usefixtures("remembered")
 

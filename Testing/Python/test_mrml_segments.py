@@ -9,10 +9,10 @@ from mrml_scenes import slicer
 from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import volume_fractions
 
 pytestmark = pytest.mark.usefixtures("remembered")
 

@@ -9,7 +9,7 @@ from mrml_scenes import slicer
 from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
 
 pytestmark = pytest.mark.usefixtures("remembered")
 

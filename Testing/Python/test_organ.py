@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
-from VICRegistrationLib.analysis.deviation import deviation, points_on
+from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import region_from_mask, separate
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
+from VICRegistrationLib.segmentation.separation import separate
 
 SEED = CENTER[None]
 STAGES = ["global scaling", "region", "grey levels, coarse", "grey levels, fine"]

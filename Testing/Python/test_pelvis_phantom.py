@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from VICRegistrationLib.cli.requests import read_requests
+from VICRegistrationLib.cli.configuration import read_requests
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import read_surface
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.imaging.separation import separate
 from VICRegistrationLib.phantoms import organs
 from VICRegistrationLib.phantoms.pelvis import LUMEN_LEVELS, WALL, WALL_MM, pelvis_phantom, write_phantom
+from VICRegistrationLib.segmentation.separation import separate
 
 SMALL = {"spacing": (0.8, 0.8, 3.0), "size": (180, 180), "n_slices": 34}
 COARSE = {"spacing": (1.5, 1.5, 4.0), "size": (96, 96), "n_slices": 26}

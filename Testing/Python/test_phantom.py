@@ -7,12 +7,12 @@ import pytest
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from VICRegistrationLib.imaging.phantom import (
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
+from VICRegistrationLib.phantoms.painting import (
     add_coil_bias,
     add_rician_noise,
     paint,
     smooth_random_field,
-    volume_fractions,
 )
 
 # Rotation by a generic angle about a generic axis, then a mirror: an oblique, left-handed grid.

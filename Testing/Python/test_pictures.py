@@ -10,8 +10,12 @@ import pytest
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.analysis import panels, pictures
-from VICRegistrationLib.analysis.shading import Camera, shaded_triangles
-from VICRegistrationLib.analysis.slicing import (
+from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.sampling import Sampler
+from VICRegistrationLib.registration.organ import finish, fit_organ, refit
+from VICRegistrationLib.report.shading import Camera, shaded_triangles
+from VICRegistrationLib.report.slicing import (
     AXIAL,
     CORONAL,
     ORIENTATIONS,
@@ -21,10 +25,6 @@ from VICRegistrationLib.analysis.slicing import (
     slice_of,
     surrounding_crop,
 )
-from VICRegistrationLib.geometry.triangulation import triangulate
-from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.organ import finish, fit_organ, refit
 
 pytestmark = pytest.mark.usefixtures("one_net")
 
@@ -133,7 +133,7 @@ def test_pictures_are_written(tmp_path, image, fit):
 @pytest.mark.parametrize("name", ["_$\\frac$", "膀胱"])
 def test_any_name_can_be_drawn(tmp_path, image, fit, name, monkeypatch):
     # Few pixels: letters are laid out all the same.
-    monkeypatch.setattr("VICRegistrationLib.analysis.canvas._DPI", 30)
+    monkeypatch.setattr("VICRegistrationLib.report.canvas._DPI", 30)
     pictures.organ_picture(tmp_path / "organ.png", image, fit, name)
     pictures.overview_picture(tmp_path / "all.png", image, {name: fit, "$": fit})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "organ.png"]

@@ -9,8 +9,8 @@ import pytest
 
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.reproduction import prototypical
-from VICRegistrationLib.reproduction.prototypical import BELL_MM, RAMP_MM, TESTS
+from VICRegistrationLib.validation import prototypical
+from VICRegistrationLib.validation.prototypical import BELL_MM, RAMP_MM, TESTS
 
 BY_NAME = {test.name: test for test in TESTS}
 NAMES = list(BY_NAME)

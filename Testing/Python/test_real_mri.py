@@ -11,9 +11,9 @@ from bladders import NAMES, load_bladder
 from hippocampus import NAMES as HIPPOCAMPI
 from hippocampus import farthest_from_start, load_hippocampus
 
-from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.registration.doubts import warnings_about
+from VICRegistrationLib.registration.diagnostics import warnings_about
 from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
 
 

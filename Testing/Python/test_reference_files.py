@@ -10,8 +10,8 @@ from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.deviation import ReferenceMesh
-from VICRegistrationLib.analysis.reference_files import read_reference
+from VICRegistrationLib.analysis.distances import ReferenceMesh
+from VICRegistrationLib.analysis.references import read_reference
 from VICRegistrationLib.export.mesh_files import write_mesh
 from VICRegistrationLib.export.surface_data import add_text, polydata
 from VICRegistrationLib.geometry.models import closed_organ

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.imaging.separation import region_from_mask
 from VICRegistrationLib.registration.region_image import region_image
 
 CENTER = np.array([5.0, -7.0, 11.0])

@@ -16,19 +16,19 @@ import pytest
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import cli
-from VICRegistrationLib.analysis.canvas import blank_figure, drawn_pixels, indexed_png, png_bytes, read_pixels
 from VICRegistrationLib.analysis.comparison import compare, distances_from
-from VICRegistrationLib.analysis.confidence_picture import area_percentiles
-from VICRegistrationLib.analysis.panels import fine_mesh
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.registration.automatic import Choice
 from VICRegistrationLib.registration.organ import finish, fit_organ
-from VICRegistrationLib.reporting.contents import Compared, ReportedOrgan, Source
-from VICRegistrationLib.reporting.figures import confidence_percentiles, organ_figures
-from VICRegistrationLib.reporting.html import Html, element, table, text
-from VICRegistrationLib.reporting.page import orientation_text, report_html
+from VICRegistrationLib.report.canvas import blank_figure, drawn_pixels, indexed_png, png_bytes, read_pixels
+from VICRegistrationLib.report.confidence_picture import area_percentiles
+from VICRegistrationLib.report.contents import Compared, ReportedOrgan, Source
+from VICRegistrationLib.report.figures import confidence_percentiles, organ_figures
+from VICRegistrationLib.report.html import Html, element, table, text
+from VICRegistrationLib.report.page import orientation_text, report_html
+from VICRegistrationLib.report.panels import fine_mesh
 
 VOID = {"img", "meta", "link", "br", "hr", "input", "col"}
 WARNINGS = [
@@ -331,7 +331,7 @@ def folder(tmp_path_factory):
     words = ["--config", place / "organs.json", "--reference", place / "truth.json", "--output", place / "out"]
     with pytest.MonkeyPatch.context() as patch:
         # Nobody looks at these pictures.
-        patch.setattr("VICRegistrationLib.analysis.canvas._DPI", 30)
+        patch.setattr("VICRegistrationLib.report.canvas._DPI", 30)
         assert cli.main(["fit", str(place / "mri.nii.gz"), *map(str, words), "--step", "--quiet"]) == 0
     return place
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from VICRegistrationLib.geometry import models
-from VICRegistrationLib.reproduction import report
-from VICRegistrationLib.reproduction.plots import parameters
-from VICRegistrationLib.reproduction.prototypical import BELL_MM, TESTS
+from VICRegistrationLib.validation import report
+from VICRegistrationLib.validation.plots import parameters
+from VICRegistrationLib.validation.prototypical import BELL_MM, TESTS
 
 PNG = b"\x89PNG\r\n\x1a\n"
 # Voxels of 3 mm: coarse, but it takes a second.

@@ -8,7 +8,7 @@ from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.triangulation import triangulate
-from VICRegistrationLib.imaging.separation import separate
+from VICRegistrationLib.segmentation.separation import separate
 
 # The organ of 44 mm leaves room for the bar and the letters at the edges.
 SIZE, HEIGHT_MM = (200, 160), 90.0

@@ -12,7 +12,8 @@ from scipy import ndimage
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import ball_reach, dilate, erode, fill_holes, keep_components
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.imaging.separation import region_from_mask, separate
+from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.segmentation.separation import separate
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
 SPACING = np.array([0.8, 0.8, 3.0])

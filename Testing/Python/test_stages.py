@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import volume_fractions
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.profile import cosine_ramp

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from VICRegistrationLib.imaging.edges import find_edges
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.threshold import suggest_threshold
+from VICRegistrationLib.segmentation.ray_edges import find_edges
+from VICRegistrationLib.segmentation.threshold import suggest_threshold
 
 SPACING = np.array([0.8, 0.8, 3.0])
 RADII = np.array([22.0, 16.0, 18.0])

@@ -18,9 +18,9 @@ import numpy as np
 import slicer
 import vtk
 
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
-from VICRegistrationLib.imaging.phantom import volume_fractions
 from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface, surfaceFromModel
 from VICRegistrationLib.mrml.volumes import showInSlices

@@ -14,12 +14,12 @@ from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
 
 from VICRegistrationLib.analysis.closed_mesh import closed_mesh, signed_distances
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.deviation import Deviation, Reference, ReferenceMesh, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import Deviation, Reference, ReferenceMesh, mesh_of_mask, points_on
 from VICRegistrationLib.export.surface_data import polydata
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import Region
+from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
 

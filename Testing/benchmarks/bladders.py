@@ -11,7 +11,7 @@ from scipy import ndimage
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.imaging.separation import Region, region_from_mask
+from VICRegistrationLib.imaging.region import Region, region_from_mask
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
 LUMEN = 3

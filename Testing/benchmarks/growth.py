@@ -13,11 +13,11 @@ from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.imaging.separation import separate
 from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.organ import finish, fit_region
 from VICRegistrationLib.registration.sample_grid import SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
+from VICRegistrationLib.segmentation.separation import separate
 
 ITERATIONS = 3
 # Half axes of an ellipsoid a little inside of the organ, mm.

@@ -9,11 +9,11 @@ import numpy as np
 from measuring import table
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.deviation import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.imaging.separation import Region, region_from_box, region_from_mask
+from VICRegistrationLib.imaging.region import Region, region_from_box, region_from_mask
 from VICRegistrationLib.registration.organ import OrganFit, finish, fit_region
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "hippocampus"

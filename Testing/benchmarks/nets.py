@@ -8,8 +8,8 @@ from accuracy import demo_cases, of_surface, real_case
 from bladders import bladders
 from measuring import table
 
-from VICRegistrationLib.imaging.separation import separate
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.segmentation.separation import separate
 
 NETS = ((9, 7), (17, 11), (33, 19))
 

@@ -6,13 +6,14 @@ import numpy as np
 from measuring import table
 from scipy import ndimage
 
-from VICRegistrationLib.analysis.deviation import deviation
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry import models, parametrization
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.phantom import paint, volume_fractions
+from VICRegistrationLib.phantoms.painting import paint
 from VICRegistrationLib.registration.organ import finish, fit_organ
 
 INSIDE, OUTSIDE = 800.0, 200.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from measuring import table
 
-from VICRegistrationLib.analysis.deviation import Deviation, deviation
+from VICRegistrationLib.analysis.distances import Deviation, deviation
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.phantoms.pelvis import LUMEN_LEVELS, WALL, PelvisPhantom, pelvis_phantom

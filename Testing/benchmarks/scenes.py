@@ -8,8 +8,9 @@ import numpy as np
 from bladders import bladders
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import Region, separate
+from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
+from VICRegistrationLib.segmentation.separation import separate
 
 ORGAN_LEVEL, WALL_LEVEL, TISSUE_LEVELS, NOISE = 900.0, 170.0, (220.0, 450.0), 45.0
 

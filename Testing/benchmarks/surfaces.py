@@ -15,7 +15,7 @@ from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 
 from VICRegistrationLib.analysis.closed_mesh import turned_alike
 from VICRegistrationLib.export.surface_data import triangles_in
-from VICRegistrationLib.imaging.separation import Region
+from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 
 # Slicer's closed surface conversion with its default smoothing factor.

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.separation import region_from_mask
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration import organ
 from VICRegistrationLib.registration.organ import finish, fit_region
 

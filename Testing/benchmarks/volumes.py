@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.imaging.separation import separate
+from VICRegistrationLib.segmentation.separation import separate
 
 SIZE, SPACING = (512, 512, 100), (0.59, 0.59, 3.0)
 N_POINTS = 200_000

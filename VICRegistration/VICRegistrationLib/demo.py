@@ -13,13 +13,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .analysis.deviation import deviation
-from .analysis.reference_files import ReadReference
+from .analysis.distances import deviation
+from .analysis.references import ReadReference
+from .cli.configuration import read_requests
+from .cli.console import aligned
 from .cli.fitting import fit_to_folder
 from .cli.outputs import OVERVIEW, PAGE, FittedOrgan
 from .cli.references import OrganReference
-from .cli.requests import read_requests
-from .cli.words import aligned
 from .files import replacing_folder
 from .geometry.surface import BSplineSurface
 from .phantoms.pelvis import pelvis_phantom, write_phantom
@@ -84,10 +84,10 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     from .cli.solids import colored_solids
     from .meshing.formats import write_tetrahedra
     from .meshing.options import MeshOptions
-    from .meshing.picture import mesh_picture
     from .meshing.process import MeshingError
     from .meshing.quality import quality
     from .meshing.tetrahedra import mesh_organs
+    from .report.mesh_picture import mesh_picture
 
     _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
     solids = colored_solids({organ.name: organ.fit.surface for organ in organs})

@@ -1,1 +1,1 @@
-"""Measures of a fitted surface: deviation from a reference, and reports."""
+"""Measures of a fitted surface: distances from a reference, comparison, gaps."""

@@ -13,7 +13,7 @@ from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance, vtkPolyDataNo
 from ..export.surface_data import polydata, triangles_in
 from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
-from .deviation import ReferenceMesh
+from .distances import ReferenceMesh
 
 # A mesh whose volume is below this fraction of that of its bounding ball is flat.
 _FLAT = 1e-9

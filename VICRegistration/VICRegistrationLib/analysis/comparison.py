@@ -11,9 +11,9 @@ from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
-from ..imaging.phantom import volume_fractions
 from .closed_mesh import closed_mesh, signed_distances
-from .deviation import Deviation, Reference, ReferenceMesh, points_on, signed_to_surface
+from .distances import Deviation, Reference, ReferenceMesh, points_on, signed_to_surface
+from .volume_fractions import volume_fractions
 
 # Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
 # counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.

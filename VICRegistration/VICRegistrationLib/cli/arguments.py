@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from .. import __version__
+from ..file_names import folder_name, organ_name
 from ..geometry.parametrization import CLOSURES
 from ..registration.losses import LOSSES
 from ..registration.solvers import SOLVERS
@@ -19,9 +20,9 @@ from . import (
     mesh_command,
     references,
     simulate_command,
-    values,
+    validators,
 )
-from .words import argument
+from .console import argument
 
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
 # that must not are to be refused with their own sentence.
@@ -151,7 +152,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     phantom.add_argument(
         "folder",
         metavar="DIR",
-        type=argument(values.folder),
+        type=argument(folder_name),
         help="folder for mri.nii.gz, organs.json and truth/NAME.json",
     )
     reproduce = _add_command(
@@ -160,7 +161,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     reproduce.add_argument(
         "folder",
         metavar="DIR",
-        type=argument(values.folder),
+        type=argument(folder_name),
         help="folder for a table and plots beside the paper's values",
     )
     export_command.add_parser(subparsers, _add_command)
@@ -193,21 +194,21 @@ def _add_fit(subparsers) -> None:
     which.add_argument(
         "--organ",
         metavar="NAME",
-        type=argument(values.organ_name),
+        type=argument(organ_name),
         action=_Once,
         help="name of the organ and of its files",
     )
     which.add_argument(
         "--seed",
         metavar="R,A,S",
-        type=argument(values.seed),
+        type=argument(validators.seed),
         action="append",
         help="point in the organ, mm; may be repeated",
     )
     which.add_argument(
         "--boundary",
         metavar="R,A,S",
-        type=argument(values.boundary),
+        type=argument(validators.boundary),
         action="append",
         help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
     )
@@ -216,25 +217,25 @@ def _add_fit(subparsers) -> None:
     how.add_argument(
         "--threshold",
         metavar="LOW,HIGH",
-        type=argument(values.threshold),
+        type=argument(validators.threshold),
         help="grey levels of the organ (default: suggested from the seeds)",
     )
     how.add_argument(
         "--erosion",
         metavar="MM",
-        type=argument(values.erosion),
+        type=argument(validators.erosion),
         help="cuts bridges to other tissue, 0 for none (default: chosen for the organ)",
     )
     how.add_argument(
         "--dilation",
         metavar="MM",
-        type=argument(values.dilation),
+        type=argument(validators.dilation),
         help="grows the organ back to its edge after the erosion (default: as far as the erosion)",
     )
     how.add_argument(
         "--net",
         metavar="9x7",
-        type=argument(values.net),
+        type=argument(validators.net),
         help="size of the control net (default: chosen, 9x7, 17x11 or 33x19, by how much shape the image shows)",
     )
     how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
@@ -242,7 +243,7 @@ def _add_fit(subparsers) -> None:
     how.add_argument(
         "--tau",
         metavar="MM",
-        type=argument(values.tau),
+        type=argument(validators.tau),
         help="width of the edge in the image (default: measured there, within 2 to 3 pixels)",
     )
     how.add_argument(
@@ -253,7 +254,7 @@ def _add_fit(subparsers) -> None:
     how.add_argument(
         "--smoothness",
         metavar="VALUE",
-        type=argument(values.smoothness),
+        type=argument(validators.smoothness),
         help="stiffness of the surface, 0 for none; ten times as much is ten times as stiff (default: by the noise, "
         "about 2e-4)",
     )
@@ -271,7 +272,7 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--output",
         metavar="DIR",
-        type=argument(values.folder),
+        type=argument(folder_name),
         default="organs",
         help="folder for the results (default: organs)",
     )

@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Sequence
 
 from ..files import replacing_folder
+from .configuration import OPTIONS, OrganRequest, organ_request, read_requests
+from .console import speaker
 from .fitting import fit_to_folder
 from .references import OrganReference, read_references, reference_paths
-from .requests import OPTIONS, OrganRequest, organ_request, read_requests
-from .words import speaker
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -72,8 +72,8 @@ def reproduce(options: argparse.Namespace) -> None:
     OSError, RuntimeError
         With a sentence for the user.
     """
-    from ..analysis.canvas import require_matplotlib
-    from ..reproduction.report import reproduce as run
+    from ..report.canvas import require_matplotlib
+    from ..validation.report import reproduce as run
 
     require_matplotlib(otherwise="")
     with replacing_folder(options.folder) as drafts:

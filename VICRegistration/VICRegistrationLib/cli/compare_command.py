@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..export.mesh_reading import READABLE_MESHES
+from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
 from ..geometry.validity import check_surface
-from . import references, values
+from . import references, validators
 from .comparison_files import (
     CSV,
     JSON,
@@ -22,8 +23,8 @@ from .comparison_files import (
     write_numbers,
     write_organ,
 )
+from .console import argument, speaker
 from .solids import file_name, read_solids
-from .words import argument, speaker
 
 _MOST_POINTS = 10_000_000
 
@@ -84,7 +85,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
         help="of the surface Dice; may be repeated (default: 0.5, 1 and 2)",
     )
     what = parser.add_argument_group("what comes out, beside the table on stdout")
-    what.add_argument("--output", metavar="DIR", type=argument(values.folder), help="folder for the results")
+    what.add_argument("--output", metavar="DIR", type=argument(folder_name), help="folder for the results")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
 
 
@@ -116,7 +117,7 @@ def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
     """Compare, and write everything into the folder or nothing."""
     pictures = not options.no_pictures
     if pictures:
-        from ..analysis.canvas import require_matplotlib
+        from ..report.canvas import require_matplotlib
 
         require_matplotlib()
     names = [file_name(solid.name) for solid in solids]
@@ -153,7 +154,7 @@ def _points(text: str) -> int:
 def _tolerance(text: str) -> float:
     """Check a tolerance, mm."""
     try:
-        return values.tau(text)
+        return validators.tau(text)
     except ValueError as error:
         msg = f"{text!r} was given; a tolerance is a positive length in mm"
         raise ValueError(msg) from error

@@ -15,13 +15,13 @@ import numpy as np
 
 from .. import __version__
 from ..analysis.comparison import Comparison, compare, distances_from
-from ..analysis.reference_files import ReadReference
+from ..analysis.references import ReadReference
 from ..export.mesh_files import write_vtp
 from ..files import replacing
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
+from .console import aligned
 from .references import OrganReference
-from .words import aligned
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
@@ -194,7 +194,7 @@ def write_organ(organ: ComparedOrgan, folder: Path, *, pictures: bool) -> None:
     files = organ_files(organ.name, pictures=pictures)
     write_vtp(organ.mesh, organ.surface, folder / files[0], name=organ.name, scalars={SCALARS: organ.distances})
     if pictures:
-        from ..analysis.deviation_picture import deviation_picture
+        from ..report.deviation_picture import deviation_picture
 
         deviation_picture(folder / files[1], organ.mesh, organ.distances, organ.comparison, organ.name, organ.against)
 

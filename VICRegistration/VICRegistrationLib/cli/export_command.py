@@ -12,9 +12,9 @@ from pathlib import Path
 from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
 from ..export.step import Solid, validate_solids, write_step
 from ..files import keep_inputs, replacing_folder
-from . import values
+from . import validators
+from .console import argument, speaker
 from .solids import file_name, read_solids
-from .words import argument, speaker
 
 _SUFFIXES = {"step": (".step", ".stp"), "stl": (".stl",), "ply": (".ply",), "vtp": (".vtp",)}
 _MOST_FACES = 1000
@@ -147,7 +147,7 @@ def _faces(text: str) -> int:
 def _chord_error(text: str) -> float:
     """Check the distance between triangles and surface, mm."""
     try:
-        return values.tau(text)
+        return validators.tau(text)
     except ValueError as error:
         msg = f"{text!r} was given; a chord error is a positive length in mm"
         raise ValueError(msg) from error

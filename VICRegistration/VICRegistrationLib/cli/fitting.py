@@ -7,21 +7,21 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ..analysis.canvas import require_matplotlib
-from ..analysis.pictures import organ_picture, overview_picture
 from ..files import keep_inputs, replacing_folder
 from ..imaging.image import Image
 from ..imaging.reading import read_image
-from ..imaging.separation import separate
-from ..registration.doubts import warnings_about
+from ..registration.diagnostics import warnings_about
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from ..reporting.contents import Source
+from ..report.canvas import require_matplotlib
+from ..report.contents import Source
+from ..report.pictures import organ_picture, overview_picture
+from ..segmentation.separation import separate
+from .configuration import OrganRequest
 from .outputs import ASSEMBLY, OVERVIEW, PAGE, REPORT, FittedOrgan, organ_files, write_organ, write_report, write_solids
 from .process import silenced_stderr
 from .references import OrganReference
 from .report_page import compared_organs, write_page
-from .requests import OrganRequest
 
 
 def fit_to_folder(

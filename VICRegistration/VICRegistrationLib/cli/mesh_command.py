@@ -9,12 +9,13 @@ from pathlib import Path
 
 from ..export.mesh_files import MESH_SUFFIXES, write_ply, write_stl, write_vtp
 from ..export.step import Solid
+from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
 from ..meshing.formats import writer_for
 from ..meshing.options import TOOLS, MeshOptions
-from . import values
+from . import validators
+from .console import argument, speaker
 from .solids import read_solids
-from .words import argument, speaker
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
@@ -57,14 +58,14 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--output", metavar="FILE", required=True, help="file to write")
     parser.add_argument(
-        "--size", metavar="MM", type=argument(values.number), default=_DEFAULT.size, help="edges (default: 3)"
+        "--size", metavar="MM", type=argument(validators.number), default=_DEFAULT.size, help="edges (default: 3)"
     )
     parser.add_argument("--surface", action="store_true", help="nearly equal triangles instead of tetrahedra")
     inside = parser.add_argument_group("tetrahedra")
     inside.add_argument("--order", type=int, choices=(1, 2), help="linear (default) or second-order elements")
     inside.add_argument("--tool", choices=TOOLS, help="program that makes the mesh (default: gmsh)")
     inside.add_argument(
-        "--wall", metavar="MM", type=argument(values.number), help="thickness of the wall of hollow organs"
+        "--wall", metavar="MM", type=argument(validators.number), help="thickness of the wall of hollow organs"
     )
     inside.add_argument(
         "--patches",
@@ -75,13 +76,13 @@ def add_parser(subparsers, add_command: Callable) -> None:
     inside.add_argument(
         "--volume-error",
         metavar="FRACTION",
-        type=argument(values.number),
+        type=argument(validators.number),
         help="largest difference from the exact volume (default: 0.005 at 3 mm, with the square of the size)",
     )
     parser.add_argument(
         "--time-limit",
         metavar="S",
-        type=argument(values.number),
+        type=argument(validators.number),
         default=_DEFAULT.time_limit,
         help="seconds after which the program is ended (default: 600)",
     )
@@ -100,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
     ValueError, OSError, RuntimeError
         With a sentence for the user.
     """
-    target = Path(values.folder(options.output))
+    target = Path(folder_name(options.output))
     chosen = {
         word: getattr(options, word)
         for word in ("order", "tool", "wall", "patches", "volume_error")

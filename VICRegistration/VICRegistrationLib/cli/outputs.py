@@ -18,7 +18,7 @@ from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..registration.boundary import boundary_deviations
-from ..registration.doubts import border_sides, warnings_about
+from ..registration.diagnostics import border_sides, warnings_about
 from ..registration.nets import net_text
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit

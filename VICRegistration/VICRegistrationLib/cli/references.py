@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..analysis.reference_files import ReadReference, read_reference
+from ..analysis.references import ReadReference, read_reference
 from ..export.mesh_reading import FRAMES, READABLE_MESHES
-from . import values
+from ..file_names import file_key
 
 # Endings of references in a folder, the first that there is.
 _ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
@@ -107,8 +107,8 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
         return dict.fromkeys(names, path)
     found = {}
     for name in names:
-        wanted = {values.file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}
-        files = {wanted[key]: file for file in path.iterdir() if (key := values.file_key(file.name)) in wanted}
+        wanted = {file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}
+        files = {wanted[key]: file for file in path.iterdir() if (key := file_key(file.name)) in wanted}
         if not files:
             msg = (
                 f"The folder {path} holds no reference for {name}; give one that holds {name}.json, "

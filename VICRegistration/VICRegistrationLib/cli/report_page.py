@@ -7,15 +7,15 @@ from datetime import datetime
 from pathlib import Path
 
 from .. import __version__
-from ..analysis.canvas import indexed_png, read_pixels
 from ..analysis.gaps import gaps
 from ..files import replacing
 from ..imaging.image import Image
-from ..registration.doubts import warnings_about
+from ..registration.diagnostics import warnings_about
 from ..registration.options import FitOptions
-from ..reporting.contents import Compared, ReportedOrgan, Source
-from ..reporting.figures import confidence_percentiles, organ_figures
-from ..reporting.page import report_html
+from ..report.canvas import indexed_png, read_pixels
+from ..report.contents import Compared, ReportedOrgan, Source
+from ..report.figures import confidence_percentiles, organ_figures
+from ..report.page import report_html
 from .comparison_files import ComparedOrgan, compared_organ
 from .outputs import ASSEMBLY, OVERVIEW, PAGE, REPORT, FittedOrgan, organ_files
 from .references import OrganReference

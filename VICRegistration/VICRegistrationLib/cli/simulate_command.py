@@ -7,9 +7,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
-from . import values
-from .words import argument, speaker
+from . import validators
+from .console import argument, speaker
 
 _CASES = ("self-weight", "pressure")
 _NAME = "simulation"
@@ -47,17 +48,21 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument("--case", choices=_CASES, required=True, help="what acts on the organ")
     material = parser.add_argument_group("material (the same everywhere)")
     material.add_argument(
-        "--young", metavar="KPA", type=argument(values.number), default=300.0, help="Young's modulus (default: 300)"
+        "--young", metavar="KPA", type=argument(validators.number), default=300.0, help="Young's modulus (default: 300)"
     )
     material.add_argument(
-        "--poisson", metavar="NU", type=argument(values.number), default=0.45, help="Poisson's ratio (default: 0.45)"
+        "--poisson",
+        metavar="NU",
+        type=argument(validators.number),
+        default=0.45,
+        help="Poisson's ratio (0.45)",
     )
     material.add_argument(
-        "--density", metavar="KG/M3", type=argument(values.number), help="for self-weight (default: 1050)"
+        "--density", metavar="KG/M3", type=argument(validators.number), help="for self-weight (default: 1050)"
     )
     load = parser.add_argument_group("load and support")
     load.add_argument(
-        "--pressure", metavar="KPA", type=argument(values.number), help="for pressure (default: 1, about 10 cmH2O)"
+        "--pressure", metavar="KPA", type=argument(validators.number), help="for pressure (default: 1, about 10 cmH2O)"
     )
     load.add_argument("--surface", metavar="GROUP", help="triangles that the pressure acts on (default: all cavities)")
     load.add_argument(
@@ -69,14 +74,14 @@ def add_parser(subparsers, add_command: Callable) -> None:
     load.add_argument(
         "--foundation",
         metavar="KPA/MM",
-        type=argument(values.number),
+        type=argument(validators.number),
         help="springs of the surroundings (default: 0.3 for self-weight, 0 for pressure)",
     )
     what = parser.add_argument_group("what comes out")
     what.add_argument(
         "--output",
         metavar="DIR",
-        type=argument(values.folder),
+        type=argument(folder_name),
         default="simulation",
         help="folder for the results (default: simulation)",
     )
@@ -96,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
     ValueError, OSError, RuntimeError
         With a sentence for the user.
     """
-    from ..analysis.canvas import require_matplotlib
+    from ..report.canvas import require_matplotlib
     from ..simulation.elements import require_scikit_fem
     from ..simulation.reading import read_mesh
     from ..simulation.result_files import write_report, write_vtu
@@ -155,7 +160,7 @@ def _problem(options: argparse.Namespace):
 def _direction(text: str) -> tuple[float, float, float]:
     """Check a direction: R, A, S."""
     try:
-        return values.seed(text)
+        return validators.seed(text)
     except ValueError as error:
         msg = f"{text!r} was given; a direction is three numbers R,A,S"
         raise ValueError(msg) from error

@@ -6,12 +6,12 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..analysis.pictures import organ_colours
 from ..export.mesh_files import read_vtp_record
 from ..export.step import Solid
+from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
-from . import values
+from ..report.pictures import organ_colours
 
 # Files of the same organs that hold triangles or solids.
 _OTHERS = (".stl", ".ply", ".step", ".stp")
@@ -44,7 +44,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
             raise ValueError(msg)
         record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
         name = record.name or path.stem
-        before = read.setdefault(values.file_key(name), path)
+        before = read.setdefault(file_key(name), path)
         if before is not path:
             msg = f"{before} and {path} both hold a surface named {name!r}; give the surfaces of different organs."
             raise ValueError(msg)
@@ -85,7 +85,7 @@ def file_name(name: str) -> str:
         If files cannot.
     """
     try:
-        return values.organ_name(name)
+        return organ_name(name)
     except ValueError as error:
         msg = f"A surface cannot give a file its name: {error}."
         raise ValueError(msg) from error

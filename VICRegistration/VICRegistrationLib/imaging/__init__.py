@@ -1,1 +1,1 @@
-"""Images in RAS millimetres: reading, sampling, and the separation of an organ from its surroundings."""
+"""Images in RAS millimetres: reading, labels, regions, sampling, morphology, moments."""

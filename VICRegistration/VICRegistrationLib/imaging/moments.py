@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .separation import Region
+from .region import Region
 
 
 @dataclass(frozen=True, eq=False)

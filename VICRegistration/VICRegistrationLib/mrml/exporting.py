@@ -178,8 +178,8 @@ def loadMesh(path):
 
 
 def _solids(organs):
-    from ..cli.values import organ_name
     from ..export.step import Solid
+    from ..file_names import organ_name
 
     solids = [Solid(organ_name(organ.label), worldSurface(organ), tuple(organ.color)) for organ in organs]
     if not solids:

@@ -26,7 +26,7 @@ def separateOrgan(organ, volumeNode):
 
     Returns
     -------
-    region : VICRegistrationLib.imaging.separation.Region
+    region : VICRegistrationLib.imaging.region.Region
     warnings : list of str
         What looks wrong with it.
 
@@ -35,7 +35,7 @@ def separateOrgan(organ, volumeNode):
     ValueError
         If the organ cannot be separated; its segment is then empty.
     """
-    from ..registration.doubts import warnings_about_region
+    from ..registration.diagnostics import warnings_about_region
 
     image, region = _separated(organ, volumeNode)
     return region, warnings_about_region(image, region) + _seedWarnings(organ, volumeNode, image, region)
@@ -260,7 +260,7 @@ class _Bookkeeping:
             )
 
     def _record(self, image, fit):
-        from ..registration.doubts import warnings_about
+        from ..registration.diagnostics import warnings_about
         from ..registration.nets import net_of
 
         organ, model = self.organ, self.model
@@ -333,7 +333,7 @@ def _separated(organ, volumeNode):
 
 
 def _regionOf(organ, volumeNode, image):
-    from ..imaging.separation import separate
+    from ..segmentation.separation import separate
 
     if organ.source is RegionSource.SEGMENT:
         return regionFromSegment(organ.inputSegmentation, organ.inputSegmentId, volumeNode, image)

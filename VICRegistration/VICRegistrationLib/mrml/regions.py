@@ -92,7 +92,7 @@ def showRegion(segmentationNode, segmentId, region):
     segmentationNode : vtkMRMLSegmentationNode
         Under the parent transform of the region's volume.
     segmentId : str
-    region : VICRegistrationLib.imaging.separation.Region or None
+    region : VICRegistrationLib.imaging.region.Region or None
         None empties the segment.
     """
     logic = slicer.vtkSlicerSegmentationsModuleLogic
@@ -118,7 +118,7 @@ def regionVolumeMl(region, volumeNode):
 
     Parameters
     ----------
-    region : VICRegistrationLib.imaging.separation.Region
+    region : VICRegistrationLib.imaging.region.Region
     volumeNode : vtkMRMLScalarVolumeNode
 
     Returns
@@ -151,7 +151,7 @@ def regionFromSegment(segmentationNode, segmentId, volumeNode, image):
 
     Returns
     -------
-    VICRegistrationLib.imaging.separation.Region
+    VICRegistrationLib.imaging.region.Region
         The largest piece of the segment.
 
     Raises
@@ -159,7 +159,7 @@ def regionFromSegment(segmentationNode, segmentId, volumeNode, image):
     ValueError
         If there is no such segment, or none of it lies in the volume.
     """
-    from ..imaging.separation import region_from_mask
+    from ..imaging.region import region_from_mask
 
     segment = segmentationNode.GetSegmentation().GetSegment(segmentId) if segmentationNode and segmentId else None
     if segment is None:

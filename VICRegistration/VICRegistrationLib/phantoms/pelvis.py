@@ -11,14 +11,14 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
+from ..analysis.volume_fractions import volume_fractions
 from ..export.mesh_files import write_vtp
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
-from ..imaging import phantom as painter
 from ..imaging.image import Image
 from ..imaging.reading import write_image
-from . import organs
+from . import organs, painting
 
 AIR, MUSCLE, FAT, WALL = 0.0, 220.0, 550.0, 170.0
 LUMEN_LEVELS = {"bladder": 900.0, "vagina": 830.0, "rectum": 800.0}
@@ -102,10 +102,10 @@ def pelvis_phantom(
     matrix = _sagittal_matrix(surfaces, shape, spacing)
     _check_field_of_view(surfaces, shape, matrix)
     array = _surroundings(shape, matrix, seed)
-    array = painter.paint(array, _layers(surfaces, shape, matrix))
+    array = painting.paint(array, _layers(surfaces, shape, matrix))
     array = ndimage.gaussian_filter(array, (0.0, _POINT_SPREAD_PIXELS, _POINT_SPREAD_PIXELS))
-    array = painter.add_coil_bias(array, matrix, strength=bias, center=(0.0, 110.0, 10.0), width=90.0)
-    array = painter.add_rician_noise(array, sigma=noise * LUMEN_LEVELS["bladder"], seed=seed)
+    array = painting.add_coil_bias(array, matrix, strength=bias, center=(0.0, 110.0, 10.0), width=90.0)
+    array = painting.add_rician_noise(array, sigma=noise * LUMEN_LEVELS["bladder"], seed=seed)
     seeds = {name: organs.seeds_inside(surface) for name, surface in surfaces.items()}
     return PelvisPhantom(Image(np.rint(array).astype(np.int16), matrix), surfaces, seeds)
 
@@ -175,7 +175,7 @@ def _layers(surfaces, shape, matrix):
 
     def fraction(surface, thickness=0.0):
         mesh = organs.shell(surface, thickness, chord_error=chord_error)
-        return painter.volume_fractions(*mesh, shape, matrix)
+        return volume_fractions(*mesh, shape, matrix)
 
     for tube, thickness, outer, inner in _SURROUNDINGS:
         surface = organs.organ_surface(tube)
@@ -191,8 +191,8 @@ def _surroundings(shape, matrix, seed) -> np.ndarray:
     """Fat and muscle inside the outline of the body, air outside."""
     spacing = np.linalg.norm(matrix[:3, :3], axis=0)
     seeds = np.random.SeedSequence(seed).generate_state(2).tolist()
-    coarse = painter.smooth_random_field(shape, spacing, correlation_mm=max(9.0, spacing.min()), seed=seeds[0])
-    fine = painter.smooth_random_field(shape, spacing, correlation_mm=max(2.5, spacing.min()), seed=seeds[1])
+    coarse = painting.smooth_random_field(shape, spacing, correlation_mm=max(9.0, spacing.min()), seed=seeds[0])
+    fine = painting.smooth_random_field(shape, spacing, correlation_mm=max(2.5, spacing.min()), seed=seeds[1])
     depth = _depth_under_skin(shape, matrix)
     # Fat under the skin, of uneven thickness; deeper, bundles of muscle in fat.
     under_skin = _step((_SUBCUTANEOUS_FAT_MM + 4.0 * coarse - depth) / 2.0)

@@ -15,11 +15,11 @@ from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
 from .choosing import GIVEN, Choice, anchor_for, chosen_by, to_start_with
 from .finer_nets import fit_finer
-from .holding import hold
 from .nets import net_of, net_text
 from .options import FitOptions
 from .plan import Plan, machinery
 from .stages import Step, cost_of, last_step
+from .tighter_hold import hold
 
 
 @dataclass(frozen=True, eq=False)

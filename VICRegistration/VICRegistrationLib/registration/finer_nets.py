@@ -13,12 +13,12 @@ import numpy as np
 
 from ..geometry import models
 from ..geometry.parametrization import Parametrization
-from .holding import Held, hold
 from .nets import grid_shape, net_of, net_text
 from .options import FitOptions
 from .plan import Plan, machinery, voxels_along
 from .sample_grid import SampleGrid
 from .stages import Step, cost_of, last_step, promise
+from .tighter_hold import Held, hold
 
 # The finest net is tried where it promises more than so many times what more freedom takes off noise. The demo's organs
 # promise 0.7 to 1.6 times that: the bladder would gain by it, the vagina lose; see the benchmark of nets.

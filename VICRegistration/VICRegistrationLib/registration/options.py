@@ -32,7 +32,7 @@ class FitOptions:
     threshold : (low, high), optional
         Grey levels of the organ, for separating it; suggested from the seeds if not given.
     erosion : float, optional
-        Erosion that cuts bridges to neighbours, mm; the default of :func:`..imaging.separation.separate` if not given.
+        Erosion that cuts bridges to neighbours, mm; that of :func:`..segmentation.separation.separate` if not given.
     dilation : float, optional
         Dilation of the separated organ back to its edge, mm; as far as the erosion if not given.
     solver : {"gauss-newton", "gradient-descent"}

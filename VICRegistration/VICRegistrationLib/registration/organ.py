@@ -20,16 +20,17 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
-from ..imaging.region_checks import check_scale
-from ..imaging.separation import Region, separate
+from ..imaging.region import Region
+from ..segmentation.checks import check_scale
+from ..segmentation.separation import separate
 from .automatic import fit_in_frame, placed
 from .bent_model import start_model
 from .boundary import checked_boundary_points
 from .choosing import Choice
 from .confidence import Confidence, confidence_of
 from .correction import correct
+from .drift_limit import left_out
 from .finer_nets import first_net
-from .leash import left_out
 from .nets import closure_of, net_of, net_text
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
 from .plan import Plan, generic_model, surface_stages
@@ -98,7 +99,7 @@ class OrganFit:
 
     @cached_property
     def left_out(self) -> tuple[float, str]:
-        """How far the region reaches beyond the surface, mm, and at which side; see :func:`.leash.left_out`."""
+        """How far the region reaches beyond the surface, mm, and at which side; see :func:`.drift_limit.left_out`."""
         return (0.0, "") if self.region is None else left_out(self.surface, self.region)
 
     @property

@@ -14,9 +14,9 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
 from ..imaging.moments import Moments
+from ..imaging.region import Region
 from ..imaging.sampling import Sampler
-from ..imaging.separation import Region
-from .leash import astray
+from .drift_limit import astray
 from .levels import PROBE_DEPTHS, Levels
 from .nets import grid_shape, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
@@ -116,7 +116,7 @@ class Plan:
         return cls(target, sampler, inside, outside, voxel)
 
     def astray(self, surface: BSplineSurface) -> str:
-        """Tell why a surface has left the region or is none, see :func:`.leash.astray`; empty if it is in its place."""
+        """Tell why a surface has left the region or is no solid, see :func:`.drift_limit.astray`; empty if neither."""
         return astray(surface, Sampler(self.target.distance), self.target.volume)
 
     @property

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..imaging.image import Image
+from ..imaging.region import Region
 from ..imaging.resampling import resampled, signed_distances
-from ..imaging.separation import Region
 
 # Voxels of the distance image: enough to carry the region's shape, few enough to be looked up fast. Each is the mean of
 # 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise.

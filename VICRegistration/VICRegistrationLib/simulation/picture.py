@@ -6,10 +6,10 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import TEXT_COLOUR, blank_figure, literal, save_figure
-from ..analysis.coloured_surface import draw_colour_bar, draw_coloured
-from ..analysis.shading import Camera, lit_mesh
 from ..meshing.groups import faces_of, flat_triangles
+from ..report.canvas import TEXT_COLOUR, blank_figure, literal, save_figure
+from ..report.coloured_surface import draw_colour_bar, draw_coloured
+from ..report.shading import Camera, lit_mesh
 from .problems import SelfWeight
 from .solution import Solution
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
-from ..imaging.separation import Region
+from ..imaging.region import Region
 from .organ import OrganFit
 
 # Mean squared difference between the image and an edge, over the squared contrast.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 
+from ..analysis.distances import Reference, deviation
 from ..imaging.image import Image
 from ..registration.nets import net_text
 from ..registration.organ import OrganFit
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
-from .deviation import Reference, deviation
 from .panels import Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
 
 ORGAN_COLOURS = {"bladder": "#f5b82e", "vagina": "#ea6a9d", "rectum": "#4fb477", "uterus": "#9a7be0"}

@@ -6,10 +6,10 @@ import os
 
 import numpy as np
 
+from ..analysis.comparison import Comparison
 from ..geometry.triangulation import TriangleMesh
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from .coloured_surface import draw_colour_bar, draw_shares, draw_sides
-from .comparison import Comparison
 
 COLOUR_MAP = "coolwarm"
 _BINS = 60

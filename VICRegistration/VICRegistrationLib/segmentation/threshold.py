@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .edges import Edges, find_edges
-from .image import Image
+from ..imaging.image import Image
+from .ray_edges import Edges, find_edges
 
 # Fewer edges than this share of the rays are chance; and a side of the threshold needs a share of the edges.
 _FEWEST_EDGES, FEWEST_ON_SIDE = 0.1, 0.25

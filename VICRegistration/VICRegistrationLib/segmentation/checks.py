@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .boxes import ball_box, pieces
+from ..imaging.boxes import ball_box, pieces
 
 # More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
 _LARGEST_SHARE = 0.6

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .boxes import ball_radius
-from .edges import Edges
-from .image import Image
+from ..imaging.boxes import ball_radius
+from ..imaging.image import Image
+from .ray_edges import Edges
 from .threshold import FEWEST_ON_SIDE, threshold_between
 
 # Edges within this share of the radius of a ball of the organ's volume make the limit of a place.

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from ..analysis.canvas import blank_figure, drawn_pixels, indexed_png
-from ..analysis.confidence_picture import area_percentiles, confidence_map
-from ..analysis.deviation import Reference
-from ..analysis.deviation_picture import deviation_map
-from ..analysis.panels import draw_convergence, draw_scene, draw_slices, fine_mesh
-from ..analysis.pictures import VIEWERS, organ_colours, shown_organ
+from ..analysis.distances import Reference
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 from ..registration.organ import OrganFit
+from .canvas import blank_figure, drawn_pixels, indexed_png
+from .confidence_picture import area_percentiles, confidence_map
 from .contents import Compared, OrganFigures
+from .deviation_picture import deviation_map
+from .panels import draw_convergence, draw_scene, draw_slices, fine_mesh
+from .pictures import VIEWERS, organ_colours, shown_organ
 
 # The other sides, so that together with the usual view all of the surface is seen.
 _OTHER_SIDE = (0.80, -0.52, 0.30)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from .boxes import ball_box, ball_radius
-from .edges import find_edges, joined
+from ..imaging.boxes import ball_box, ball_radius
+from .checks import refuse_seed
 from .limits import Limits
-from .region_checks import refuse_seed
+from .ray_edges import find_edges, joined
 from .seeds import voxels_of
 
 # A seed is taken to be meant for a place within the limits that is this near, and this deep if there is one.

@@ -6,12 +6,12 @@ import os
 
 import numpy as np
 
-from ..analysis.canvas import TEXT_COLOUR, blank_figure, literal, save_figure
-from ..analysis.pictures import organ_colours
-from ..analysis.shading import Camera, lit_mesh, shaded_triangles
-from .groups import faces_of, flat_triangles
-from .quality import quality
-from .tetrahedra import TetrahedralMesh
+from ..meshing.groups import faces_of, flat_triangles
+from ..meshing.quality import quality
+from ..meshing.tetrahedra import TetrahedralMesh
+from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
+from .pictures import organ_colours
+from .shading import Camera, lit_mesh, shaded_triangles
 
 # As the other pictures: from the patient's left, front and above. The cut leaves the patient's right half.
 _VIEWER = (-0.80, 0.52, 0.30)

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..analysis.canvas import bare, blank_figure, save_figure
-from ..analysis.slicing import SAGITTAL, View, cut, slice_of
 from ..geometry import models
 from ..geometry.parametrization import affine
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.stages import Step
+from ..report.canvas import bare, blank_figure, save_figure
+from ..report.slicing import SAGITTAL, View, cut, slice_of
 from . import one_dimensional
 from .prototypical import BELL_MM, IMAGE_MM, TESTS, PrototypicalTest
 
@@ -32,7 +32,7 @@ def parameters(test: PrototypicalTest, history: Sequence[Step]) -> np.ndarray:
     ----------
     test : PrototypicalTest
     history : sequence of Step
-        From :func:`.prototypical.run_test`.
+        From :func:`..validation.prototypical.run_test`.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
     path : path
         PNG file to write.
     image : Image
-        From :func:`.prototypical.prototypical_image`.
+        From :func:`..validation.prototypical.prototypical_image`.
     histories : mapping of str to sequence of Step
         By the names of the tests.
 

@@ -10,8 +10,8 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import patient_side
+from ..imaging.region import Region
 from ..imaging.sampling import Sampler
-from ..imaging.separation import Region
 
 # Share of the radius of a ball of the region's volume.
 _LEASH = 0.5

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from .image import Image
-from .sampling import Sampler
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
 from .seeds import checked_seeds, voxels_of
 
 # Level around a seed: the voxels within this distance.

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..analysis.distances import Reference, ReferenceMesh
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.organ import OrganFit
 from .canvas import TEXT_COLOUR, bare, literal
-from .deviation import Reference, ReferenceMesh
 from .shading import Camera, shaded_triangles
 from .slicing import ORIENTATIONS, View, cut, slice_of, surrounding_crop
 

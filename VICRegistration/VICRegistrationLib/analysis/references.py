@@ -13,9 +13,9 @@ from ..export.mesh_reading import READABLE_MESHES, holds_surface, read_triangles
 from ..geometry.surface_file import read_surface_record
 from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes
-from ..imaging.separation import region_from_mask
+from ..imaging.region import region_from_mask
 from .closed_mesh import closed_mesh, pieces
-from .deviation import Reference, ReferenceMesh, mesh_of_mask
+from .distances import Reference, ReferenceMesh, mesh_of_mask
 
 
 @dataclass(frozen=True, eq=False)

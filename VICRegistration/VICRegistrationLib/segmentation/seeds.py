@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from .image import Image
+from ..imaging.image import Image
 
 _NUDGE_MM = 1e-6 * np.array([1.0, 1.7, 2.9])
 

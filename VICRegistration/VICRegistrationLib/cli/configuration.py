@@ -27,25 +27,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..file_names import file_key, organ_name
 from ..files import reason
 from ..geometry.models import DEFAULT_NET, closed_organ
 from ..registration.organ import FitOptions
-from . import values
+from . import validators
 
 SCHEMA, VERSION = "vic-registration/organs", 1
 
 OPTIONS = {
-    "threshold": values.threshold,
-    "erosion": values.erosion,
-    "dilation": values.dilation,
-    "net": values.net,
-    "closure": values.closure,
-    "solver": values.solver,
-    "tau": values.tau,
-    "smoothness": values.smoothness,
-    "loss": values.loss,
+    "threshold": validators.threshold,
+    "erosion": validators.erosion,
+    "dilation": validators.dilation,
+    "net": validators.net,
+    "closure": validators.closure,
+    "solver": validators.solver,
+    "tau": validators.tau,
+    "smoothness": validators.smoothness,
+    "loss": validators.loss,
 }
-_CHECKS = {"organ": values.organ_name, "seed": values.seeds, **OPTIONS, "boundary": values.boundaries}
+_CHECKS = {"organ": organ_name, "seed": validators.seeds, **OPTIONS, "boundary": validators.boundaries}
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,8 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
         _request(entry, f"{path}, organ {number}", defaults or {})
         for number, entry in enumerate(_entries(content, path), start=1)
     )
-    names = [values.file_key(request.name) for request in requests]
-    twice = sorted({request.name for request in requests if names.count(values.file_key(request.name)) > 1})
+    names = [file_key(request.name) for request in requests]
+    twice = sorted({request.name for request in requests if names.count(file_key(request.name)) > 1})
     if twice:
         msg = (
             f"The configuration {path} holds {', '.join(twice)} twice (upper and lower case are one file); rename one."

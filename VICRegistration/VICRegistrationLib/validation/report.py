@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.canvas import require_matplotlib
 from ..files import replacing
 from ..imaging.image import Image
 from ..registration.stages import Step
+from ..report.canvas import require_matplotlib
 from . import one_dimensional, plots
 from .prototypical import (
     BELL_MM,
@@ -130,7 +130,7 @@ def run_tests(image: Image, size: int, *, say: Callable[[str], None]) -> list[Ru
     Parameters
     ----------
     image : Image
-        From :func:`.prototypical.prototypical_image`.
+        From :func:`..validation.prototypical.prototypical_image`.
     size : int
         Its voxels along each axis.
     say : callable

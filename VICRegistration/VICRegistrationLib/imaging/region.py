@@ -1,0 +1,159 @@
+"""The voxels of one organ, on a crop of the image's grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from .boxes import bounds
+from .image import Image
+from .morphology import fill_holes
+
+_FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The voxels of one organ, on a crop of the image's grid.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (nk, nj, ni)
+        The crop leaves a margin of one voxel of background wherever the volume has one.
+    offset : tuple of 3 int
+        First voxel (k, j, i) of the crop in the image.
+    ijk_to_ras : ndarray, shape (4, 4)
+        Takes voxels (i, j, k) of the crop to RAS mm.
+    threshold : tuple of 2 float or None
+        Lowest and highest grey level of the organ; None if the mask was given.
+    touches_border : tuple of str
+        Faces of the volume that the organ touches, out of "k-", "k+", "j-", "j+", "i-" and "i+": there it may
+        go on outside.
+    erosion : float or None
+        Radius of the erosion in mm; None if the mask was given.
+    warnings : tuple of str
+        Sentences about what looks wrong with the region, and what to do; empty if nothing does.
+    """
+
+    mask: np.ndarray
+    offset: tuple
+    ijk_to_ras: np.ndarray
+    threshold: tuple | None
+    touches_border: tuple
+    erosion: float | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def image(self) -> Image:
+        """The mask as an image."""
+        return Image(self.mask, self.ijk_to_ras)
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """Voxel spacing in mm along i, j and k, shape (3,)."""
+        return self.image.spacing
+
+    @property
+    def volume_ml(self) -> float:
+        """Volume of the voxels in millilitres."""
+        return np.count_nonzero(self.mask) * self.image.voxel_volume / 1000.0
+
+
+def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
+    """Take a region from a segmentation on the image's grid.
+
+    Parameters
+    ----------
+    image : Image
+    mask : ndarray, shape (nk, nj, ni)
+        Voxels other than zero belong to the organ.
+    largest_component : bool
+        Keep only the largest component (six face neighbours).
+
+    Returns
+    -------
+    Region
+        With ``threshold`` None.
+
+    Raises
+    ------
+    ValueError
+        If the mask is empty or has another shape than the image.
+    """
+    mask = np.asarray(mask)
+    if mask.shape != image.array.shape:
+        msg = (
+            f"The mask has shape {mask.shape} and the image {image.array.shape} (k, j, i); they must share "
+            "one grid. Resample the mask to the image."
+        )
+        raise ValueError(msg)
+    mask = mask != 0
+    if not mask.any():
+        msg = "The mask is empty; it must hold the organ's voxels. Choose another segment or label."
+        raise ValueError(msg)
+    if largest_component:
+        labels, _ = ndimage.label(mask)
+        mask = labels == np.bincount(labels.ravel())[1:].argmax() + 1
+    return region_from_crop(image, mask, np.zeros(3, dtype=int), fill=False)
+
+
+def region_from_box(image: Image, corners) -> Region:
+    """Take the ellipsoid in a box as a region: to start a fit from where an organ is roughly.
+
+    Parameters
+    ----------
+    image : Image
+    corners : array_like, shape (2, 3)
+        Two opposite corners of a box along R, A and S, mm.
+
+    Returns
+    -------
+    Region
+        With ``threshold`` None.
+
+    Raises
+    ------
+    ValueError
+        If the box is no box, or holds no voxel of the image.
+    """
+    corners = np.asarray(corners, dtype=float)
+    if corners.shape != (2, 3) or not np.isfinite(corners).all() or np.any(corners[0] == corners[1]):
+        msg = (
+            f"The box {corners.tolist()} was given; two opposite corners R, A, S in mm are needed, with a length, a "
+            "width and a height."
+        )
+        raise ValueError(msg)
+    k, j, i = np.indices(image.array.shape)
+    away = (image.to_ras(np.stack([i, j, k], axis=-1)) - corners.mean(axis=0)) / (np.ptp(corners, axis=0) / 2.0)
+    mask = np.einsum("...k,...k->...", away, away) <= 1.0
+    if not mask.any():
+        msg = f"The box {corners.tolist()} holds no voxel of the image; give RAS coordinates in mm, inside of it."
+        raise ValueError(msg)
+    return region_from_crop(image, mask, np.zeros(3, dtype=int), fill=False)
+
+
+def region_from_crop(image, mask, start, *, fill, threshold=None, erosion=None):
+    """Make a region of a mask whose first voxel is voxel `start` (k, j, i) of the image."""
+    shape = np.array(image.array.shape)
+    first, last = bounds(mask)
+    low = np.maximum(start + first - 1, 0)
+    high = np.minimum(start + last + 1, shape)
+    crop = np.zeros(high - low, dtype=bool)
+    shift = start + first - low
+    crop[tuple(map(slice, shift, shift + last - first))] = mask[tuple(map(slice, first, last))]
+    touches = tuple(
+        name
+        for names, at_low, at_high in zip(_FACES, start + first == 0, start + last == shape)
+        for name, touched in zip(names, (at_low, at_high))
+        if touched
+    )
+    return Region(
+        mask=fill_holes(crop) if fill else crop,
+        offset=tuple(low.tolist()),
+        ijk_to_ras=image.crop(low, high).ijk_to_ras,
+        threshold=threshold,
+        touches_border=touches,
+        erosion=erosion,
+    )

@@ -1,0 +1,193 @@
+"""Painting of synthetic MR images from closed surfaces: partial volume, texture, coil bias and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..analysis.volume_fractions import checked_matrix, positive_integers
+
+
+def paint(base: np.ndarray, layers: Sequence[tuple[np.ndarray, float | np.ndarray]]) -> np.ndarray:
+    """Paint layers of tissue over a background, later ones over earlier ones, mixing in partial volumes.
+
+    Parameters
+    ----------
+    base : (nk, nj, ni) array
+        Grey levels of the background.
+    layers : sequence of (fraction, level)
+        `fraction` is an (nk, nj, ni) array of values from 0 to 1, as from `volume_fractions`; `level` is a
+        grey level, or an (nk, nj, ni) array of them.
+
+    Returns
+    -------
+    (nk, nj, ni) float32 array
+        After each layer, ``image * (1 - fraction) + level * fraction``.
+
+    Raises
+    ------
+    ValueError
+        If a layer does not have the shape of the background.
+
+    Notes
+    -----
+    A wall is an organ's outer surface painted first and its lumen painted over it.
+    """
+    image = np.array(base, dtype=np.float32)
+    for number, (fraction, level) in enumerate(layers, start=1):
+        if np.shape(fraction) != image.shape or np.shape(level) not in ((), image.shape):
+            msg = (
+                f"Layer {number} has fractions of shape {np.shape(fraction)} and grey levels of shape "
+                f"{np.shape(level)}; fractions of the background's shape {image.shape} and one grey level "
+                "or as many are needed; compute them on the same grid."
+            )
+            raise ValueError(msg)
+        image += np.asarray(fraction, np.float32) * (np.asarray(level, np.float32) - image)
+    return image
+
+
+def add_coil_bias(
+    image: np.ndarray,
+    ijk_to_ras: np.ndarray,
+    *,
+    strength: float,
+    center: Sequence[float],
+    width: float,
+) -> np.ndarray:
+    """Multiply an image by the smooth sensitivity of a receive coil.
+
+    The sensitivity at distance d from `center` is ``1 + strength * exp(-d**2 / (2 * width**2))``.
+
+    Parameters
+    ----------
+    image : (nk, nj, ni) array
+        Grey levels.
+    ijk_to_ras : (4, 4) array
+        Affine matrix that takes voxel centres (i, j, k, 1) to RAS mm.
+    strength : float
+        Relative gain at the centre, above -1: 0.3 is 30 % brighter than far away.
+    center : (3,) sequence
+        Brightest place, RAS mm; may lie outside the image.
+    width : float
+        Standard deviation of the Gaussian in mm.
+
+    Returns
+    -------
+    (nk, nj, ni) float32 array
+
+    Raises
+    ------
+    ValueError
+        If the width is not positive, or the strength would turn grey levels negative.
+    """
+    if not width > 0 or not strength > -1:
+        msg = (
+            f"The coil bias has width {width} mm and strength {strength}; "
+            "a width above 0 and a strength above -1 are needed; change them."
+        )
+        raise ValueError(msg)
+    image = np.asarray(image, dtype=np.float32)
+    matrix = checked_matrix(ijk_to_ras)
+    offset = matrix[:3, 3] - np.asarray(center, dtype=float)
+    k, j, i = np.ogrid[tuple(slice(n) for n in image.shape)]
+    squared_distance = np.zeros(image.shape, dtype=np.float32)
+    for (step_i, step_j, step_k), start in zip(matrix[:3, :3], offset):
+        along_slice = (step_j * j + step_i * i).astype(np.float32)
+        squared_distance += (along_slice + (step_k * k + start).astype(np.float32)) ** 2
+    return image * (1 + np.float32(strength) * np.exp(squared_distance / np.float32(-2 * width**2)))
+
+
+def add_rician_noise(image: np.ndarray, *, sigma: float, seed: int) -> np.ndarray:
+    """Add the noise of a magnitude MR image (Gudbjartsson and Patz, Magn. Reson. Med. 34:910-914, 1995).
+
+    Parameters
+    ----------
+    image : array
+        Noise-free grey levels.
+    sigma : float
+        Standard deviation of the real and of the imaginary channel, in grey levels. In bright tissue the
+        noise has this deviation; where there is no signal its mean is ``sigma * sqrt(pi / 2)``.
+    seed : int
+        Seed of the random numbers: the same seed gives the same image.
+
+    Returns
+    -------
+    float32 array of the same shape
+
+    Raises
+    ------
+    ValueError
+        If sigma is negative.
+    """
+    if not sigma >= 0:
+        msg = f"The noise level is {sigma}; a value of 0 or more is needed; change sigma."
+        raise ValueError(msg)
+    random = np.random.default_rng(seed)
+    image = np.asarray(image, dtype=np.float32)
+    real = image + np.float32(sigma) * random.standard_normal(image.shape, dtype=np.float32)
+    imaginary = np.float32(sigma) * random.standard_normal(image.shape, dtype=np.float32)
+    return np.hypot(real, imaginary)
+
+
+def smooth_random_field(
+    shape: tuple[int, int, int],
+    spacing: Sequence[float],
+    *,
+    correlation_mm: float,
+    seed: int,
+) -> np.ndarray:
+    """Smooth random texture, for tissue that is not evenly bright.
+
+    White noise on a coarse grid is spread by Gaussians, one axis after the other.
+
+    Parameters
+    ----------
+    shape : (nk, nj, ni)
+        Shape of the image array.
+    spacing : (3,) sequence
+        Voxel size along i, j and k in mm.
+    correlation_mm : float
+        Distance at which the correlation of two places has fallen to exp(-1/2) = 0.61.
+    seed : int
+        Seed of the random numbers: the same seed gives the same field.
+
+    Returns
+    -------
+    (nk, nj, ni) float32 array
+        Mean 0 and standard deviation 1 over the array.
+
+    Raises
+    ------
+    ValueError
+        If the grid has a single voxel, or the correlation length is shorter than the smallest voxel side.
+    """
+    shape = positive_integers(shape, "image shape (nk, nj, ni)")
+    spacing = np.asarray(spacing, dtype=float)
+    if np.prod(shape) < 2:
+        msg = f"The texture has shape {shape}; at least two voxels are needed; enlarge the image."
+        raise ValueError(msg)
+    if not spacing.min() > 0 or not correlation_mm >= spacing.min():
+        msg = (
+            f"The correlation length is {correlation_mm} mm on voxels of {spacing.tolist()} mm; "
+            "a length of at least the smallest voxel side is needed; increase it."
+        )
+        raise ValueError(msg)
+    # Noise spread by a Gaussian of deviation s is correlated as a Gaussian of deviation s * sqrt(2).
+    deviation = correlation_mm / np.sqrt(2)
+    weights = [_gaussian_weights(n, step / deviation) for n, step in zip(shape, spacing[::-1])]
+    field = np.random.default_rng(seed).standard_normal([w.shape[1] for w in weights], dtype=np.float32)
+    for weight in weights:
+        # Contracts the leading axis and puts the fine one last: after three turns the order is k, j, i again.
+        field = np.tensordot(field, weight, axes=(0, 1))
+    # Double sums: a float32 mean of millions of voxels is off by more than rounding.
+    field -= field.mean(dtype=float)
+    return field / np.float32(field.std(dtype=float))
+
+
+def _gaussian_weights(count: int, step: float) -> np.ndarray:
+    """Gaussians of unit deviation about unit-spaced nodes, at `count` places `step` apart: (count, nodes)."""
+    places = np.arange(count) * step
+    # Beyond 4 deviations a node's weight is below 4e-4.
+    nodes = np.arange(-4, np.ceil(places[-1]) + 5)
+    return np.exp(-0.5 * (places[:, None] - nodes) ** 2).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Pictures of fitted surfaces and the report of a fit on one page."""
