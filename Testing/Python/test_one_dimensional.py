@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from VICRegistrationLib.reproduction import one_dimensional as example
+
+from VICRegistrationLib.validation import one_dimensional as example
 
 
 def test_the_example_has_the_numbers_of_the_paper():

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
-from VICRegistrationLib.analysis import panels, pictures
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.organ import finish, fit_organ, refit
+from VICRegistrationLib.report import panels, pictures
 from VICRegistrationLib.report.shading import Camera, shaded_triangles
 from VICRegistrationLib.report.slicing import (
     AXIAL,
