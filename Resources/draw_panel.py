@@ -36,9 +36,9 @@ PICTURE = ROOT / "Resources" / "Screenshots" / "panel.png"
 WIDTH = 420
 SPACER = 40  # Height of the .ui file's empty place at the bottom.
 ORGANS = [
-    ("bladder", "#de9942", "131.8", "fitted"),
-    ("vagina", "#db738c", "17.2", "separated"),
-    ("rectum", "#8c9e59", "", "needs a seed"),
+    ("bladder", "#f5b82e", "131.8", "fitted"),
+    ("vagina", "#ea6a9d", "17.2", "separated"),
+    ("rectum", "#4fb477", "", "needs a seed"),
 ]
 BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]

@@ -12,6 +12,7 @@ from small_phantom import CENTER, ellipsoid, ellipsoid_image
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
+from VICRegistrationLib.organ_colours import ORGAN_COLOURS, organ_colours
 from VICRegistrationLib.registration.organ import finish, fit_organ, refit
 from VICRegistrationLib.report import panels, pictures
 from VICRegistrationLib.report.shading import Camera, shaded_triangles
@@ -113,8 +114,8 @@ def test_the_viewer_sees_the_near_side():
 
 
 def test_known_organs_have_their_colours_and_others_differ():
-    colours = pictures.organ_colours(["Bladder", "prostate", "colon"])
-    assert colours["Bladder"] == pictures.ORGAN_COLOURS["bladder"]
+    colours = organ_colours(["Bladder", "prostate", "colon"])
+    assert colours["Bladder"] == ORGAN_COLOURS["bladder"]
     assert len(set(colours.values())) == 3
 
 

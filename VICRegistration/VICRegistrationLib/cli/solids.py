@@ -11,7 +11,7 @@ from ..export.step import Solid
 from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
-from ..report.pictures import organ_colours
+from ..organ_colours import organ_colours, rgb
 
 # Files of the same organs that hold triangles or solids.
 _OTHERS = (".stl", ".ply", ".step", ".stp")
@@ -65,7 +65,7 @@ def colored_solids(surfaces: Mapping[str, BSplineSurface]) -> tuple[Solid, ...]:
     tuple of Solid
     """
     colours = organ_colours(list(surfaces))
-    return tuple(Solid(name, surface, _rgb(colours[name])) for name, surface in surfaces.items())
+    return tuple(Solid(name, surface, rgb(colours[name])) for name, surface in surfaces.items())
 
 
 def file_name(name: str) -> str:
@@ -89,9 +89,3 @@ def file_name(name: str) -> str:
     except ValueError as error:
         msg = f"A surface cannot give a file its name: {error}."
         raise ValueError(msg) from error
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    """Red, green and blue of "#rrggbb", from 0 to 1."""
-    red, green, blue = (int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5))
-    return red, green, blue

@@ -6,19 +6,15 @@ import contextlib
 
 import slicer
 
+from ..organ_colours import ORGAN_COLOURS, OTHER_COLOURS, rgb
 from .colors import updateLegends
 from .organ_nodes import nodesOf, paint, removeNodes, removeSegment
 from .parameters import OrganParameters
 from .regions import TYPE_ATTRIBUTE
 
-# Colours of the usual organs as in Slicer's anatomy table, roughly; others take the next that is free.
-PRESETS = {
-    "bladder": (0.87, 0.60, 0.26),
-    "vagina": (0.86, 0.45, 0.55),
-    "rectum": (0.55, 0.62, 0.35),
-    "uterus": (0.72, 0.40, 0.68),
-}
-_OTHER_COLORS = ((0.35, 0.62, 0.78), (0.45, 0.75, 0.55), (0.80, 0.75, 0.35), (0.60, 0.55, 0.85))
+# The usual organs; others take the next colour that is free.
+PRESETS = {name: rgb(color) for name, color in ORGAN_COLOURS.items()}
+_OTHER_COLORS = tuple(map(rgb, OTHER_COLOURS))
 _ORGAN = "organ"
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from ..analysis.distances import Reference
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
+from ..organ_colours import organ_colours
 from ..registration.organ import OrganFit
 from .canvas import blank_figure, drawn_pixels, indexed_png
 from .confidence_picture import area_percentiles, confidence_map
 from .contents import Compared, OrganFigures
 from .deviation_picture import deviation_map
 from .panels import draw_convergence, draw_scene, draw_slices, fine_mesh
-from .pictures import VIEWERS, organ_colours, shown_organ
+from .pictures import VIEWERS, shown_organ
 
 # The other sides, so that together with the usual view all of the surface is seen.
 _OTHER_SIDE = (0.80, -0.52, 0.30)

@@ -9,8 +9,8 @@ import numpy as np
 from ..meshing.groups import faces_of, flat_triangles
 from ..meshing.quality import quality
 from ..meshing.tetrahedra import TetrahedralMesh
+from ..organ_colours import organ_colours
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
-from .pictures import organ_colours
 from .shading import Camera, lit_mesh, shaded_triangles
 
 # As the other pictures: from the patient's left, front and above. The cut leaves the patient's right half.

@@ -7,35 +7,17 @@ from collections.abc import Mapping, Sequence
 
 from ..analysis.distances import Reference, deviation
 from ..imaging.image import Image
+from ..organ_colours import organ_colours
 from ..registration.nets import net_text
 from ..registration.organ import OrganFit
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from .panels import Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
 
-ORGAN_COLOURS = {"bladder": "#f5b82e", "vagina": "#ea6a9d", "rectum": "#4fb477", "uterus": "#9a7be0"}
-_OTHER_COLOURS = ("#3f9be0", "#e8743b", "#35b8b1", "#b58a5b")
 REFERENCE_COLOUR = "#49d6ff"
 _ALARM_COLOUR = "#c4161c"
 # Seen from the patient's left, from the front and from above: organs of the pelvis do not hide one another.
 VIEWERS = ((-0.80, 0.52, 0.30), (0.30, 0.90, 0.30))
 _ROW = (0.475, 0.40)
-
-
-def organ_colours(names: Sequence[str]) -> dict[str, str]:
-    """Give each organ its colour: the usual one of its name, or the next of a few others.
-
-    Parameters
-    ----------
-    names : sequence of str
-
-    Returns
-    -------
-    dict of str to str
-        Colours as "#rrggbb".
-    """
-    unknown = [name for name in names if name.lower() not in ORGAN_COLOURS]
-    others = {name: _OTHER_COLOURS[number % len(_OTHER_COLOURS)] for number, name in enumerate(unknown)}
-    return {name: others.get(name) or ORGAN_COLOURS[name.lower()] for name in names}
 
 
 def organ_picture(
