@@ -72,6 +72,15 @@ def test_other_files_of_a_folder_stay(tmp_path):
     assert names(tmp_path) == ["a", "other"]
 
 
+def test_what_is_outdated_goes_and_what_is_written_anew_stays(tmp_path):
+    for name in "ab":
+        (tmp_path / name).write_text("old")
+    with replacing_folder(tmp_path, outdated=["a", "b", "c"]) as drafts:
+        (drafts / "a").write_text("new")
+    assert names(tmp_path) == ["a"]
+    assert (tmp_path / "a").read_text() == "new"
+
+
 @pytest.mark.parametrize("error", [ValueError, OSError, KeyboardInterrupt])
 def test_a_failure_leaves_the_folder_as_it_was(tmp_path, error):
     with pytest.raises(error):

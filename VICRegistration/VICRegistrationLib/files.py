@@ -139,23 +139,23 @@ def _nearest_folder(folder: Path) -> Path:
 def _move_in(drafts: Path, folder: Path, backups: Path, outdated: Sequence[str]) -> None:
     """Move the files of a draft folder into a folder and others out; if one cannot be moved, undo the others."""
     made = _missing_folders(drafts, folder)
+    written = sorted(path.relative_to(drafts) for path in drafts.rglob("*") if path.is_file())
     undo = []
     try:
         for new in made:
             new.mkdir()
             undo.append((new.rmdir,))
-        for draft in sorted(path for path in drafts.rglob("*") if path.is_file()):
-            name = draft.relative_to(drafts)
+        for name in written:
             target = folder / name
             if target.is_dir():
                 msg = f"{name} is a folder there"
                 raise IsADirectoryError(msg)
             if target.exists():
                 undo.append(_moved_out(target, backups / name))
-            os.replace(draft, target)
+            os.replace(drafts / name, target)
             undo.append((target.unlink,))
         for name in outdated:
-            if (folder / name).is_file() and not (drafts / name).exists():
+            if (folder / name).is_file() and Path(name) not in written:
                 undo.append(_moved_out(folder / name, backups / name))
     except BaseException:
         for call, *arguments in reversed(undo):
