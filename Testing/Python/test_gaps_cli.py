@@ -41,7 +41,7 @@ def test_the_numbers_are_written(balls, tmp_path, capsys):
     assert apart["distance"] == pytest.approx(5.0, abs=0.01)
     np.testing.assert_allclose(np.mean(apart["nearest"]["points"], axis=0), [12.5, 0.0, 0.0], atol=0.05)
     assert inside["relation"] == "first inside second"
-    assert inside["overlap"]["volume"] == pytest.approx(4.0 / 3.0 * np.pi * 10.0**3, rel=1e-3)
+    assert inside["common_volume"] == pytest.approx(4.0 / 3.0 * np.pi * 10.0**3, rel=1e-3)
     assert touching["distance"] == pytest.approx(0.0, abs=0.01)
 
 

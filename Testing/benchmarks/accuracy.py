@@ -12,9 +12,16 @@ from surfaces import contour_in_world, smoothed_contour
 from vtkmodules.vtkCommonCore import mutable
 from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
 
-from VICRegistrationLib.analysis.closed_mesh import closed_mesh, signed_distances
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import Deviation, Reference, ReferenceMesh, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import (
+    Deviation,
+    Reference,
+    ReferenceMesh,
+    closed_mesh,
+    mesh_of_mask,
+    points_on,
+    signed_distances,
+)
 from VICRegistrationLib.export.surface_data import polydata
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface

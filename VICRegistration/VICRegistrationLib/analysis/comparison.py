@@ -6,14 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
-from .closed_mesh import closed_mesh, signed_distances
-from .distances import Deviation, Reference, ReferenceMesh, points_on, signed_to_surface
-from .volume_fractions import volume_fractions
+from .distances import (
+    Deviation,
+    Reference,
+    ReferenceMesh,
+    closed_mesh,
+    points_on,
+    signed_distances,
+    signed_to_surface,
+)
+from .volume_fractions import Box
 
 # Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
 # counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.
@@ -195,20 +203,13 @@ def _triangles(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
 
 def _volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
     """Twice the common volume over the sum of both, counted on one lattice around them."""
-    turn = _turn()
-    places = [mesh.points @ turn for mesh in (first, second)]
+    axes = _turned_axes()
+    places = [mesh.points @ axes.T for mesh in (first, second)]
     lows, highs = (np.array([edge(each, axis=0) for each in places]) for edge in (np.min, np.max))
     if np.any(lows.max(axis=0) >= highs.min(axis=0)):
         return 0.0
-    low, high = lows.min(axis=0), highs.max(axis=0)
-    step = (high - low) / _SAMPLES
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn * step
-    matrix[:3, 3] = turn @ (low + step / 2.0)
-    inside = [
-        volume_fractions(mesh.points, mesh.triangles, (_SAMPLES,) * 3, matrix, supersampling=(1, 1, 1)) > 0.5
-        for mesh in (first, second)
-    ]
+    box = Box.around(np.concatenate([first.points, second.points]), axes)
+    inside = [box.inside(mesh.points, mesh.triangles, _SAMPLES) for mesh in (first, second)]
     total = sum(np.count_nonzero(each) for each in inside)
     if not total:
         msg = "Surface and reference are too thin to count their volume; give surfaces of solid organs."
@@ -216,15 +217,9 @@ def _volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
     return float(2.0 * np.count_nonzero(inside[0] & inside[1]) / total)
 
 
-def _turn() -> np.ndarray:
-    """Rotation (3, 3) whose columns are the directions of the lattice."""
-    matrix = np.eye(3)
-    for axis, angle in enumerate(_TURNS):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        one = np.eye(3)
-        one[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
-        matrix = matrix @ one
-    return matrix
+def _turned_axes() -> np.ndarray:
+    """Make unit vectors (rows) for the edges of the box, none of them along an axis of the patient."""
+    return Rotation.from_euler("xyz", _TURNS).as_matrix()
 
 
 def _check_tolerances(tolerances: Sequence[float]) -> None:

@@ -1,4 +1,4 @@
-"""Gaps and overlaps between organs: where two closed surfaces come closest, and what two organs have in common."""
+"""Gaps and overlaps between organs: where two closed surfaces come closest, and their common volume."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from ..geometry import bspline
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
-from .common_volume import Overlap, common_volume
+from ..geometry.triangulation import triangulate
+from .volume_fractions import Box
 
 # Surfaces that are nearer to each other than this touch, mm.
 TOUCH = 1e-3
@@ -22,6 +23,12 @@ _RESOLUTION = 2e-4
 _STARTS = 6
 _PATCH = 4
 _MAX_ROUNDS = 40
+# The common volume is counted in a box of so many cells along each edge. Its triangles are off by this part of the
+# overlap's depth, but not finer than this part of the surface's size: together within 1 % of the formula for balls that
+# overlap by 0.3 mm or more.
+_CELLS = 96
+_CHORD_ERROR, _LEAST_CHORD_ERROR = 1e-3, 5e-6
+_MAX_SHRINKINGS = 12
 
 
 @dataclass(frozen=True)
@@ -59,8 +66,8 @@ class Gap:
         inside the other. Its distance is 0, and the place one of many, where the surfaces cross.
     deepest : Place, optional
         The place of either surface that lies deepest inside the other organ; None without a common volume.
-    overlap : Overlap, optional
-        The common volume; None if there is none.
+    common_volume : float
+        mm^3, 0 if there is none. That of a whole organ is exact, that of an overlap of 0.3 mm or more within 1 %.
     """
 
     first: str
@@ -68,7 +75,7 @@ class Gap:
     relation: str
     nearest: Place
     deepest: Place | None = None
-    overlap: Overlap | None = None
+    common_volume: float = 0.0
 
     @property
     def distance(self) -> float:
@@ -76,16 +83,16 @@ class Gap:
         return self.nearest.distance if self.deepest is None else -self.deepest.distance
 
     def __str__(self) -> str:
-        """Tell it in a sentence, with the place."""
+        """Say it in a sentence, with the place."""
         place = self.nearest if self.deepest is None else self.deepest
         r, a, s = np.mean(place.points, axis=0)
         where = f"at R {r:.1f}, A {a:.1f}, S {s:.1f} mm"
-        if self.overlap is None:
+        if self.deepest is None:
             return f"{self.first} and {self.second} are {place.distance:.3f} mm apart {where}"
         relation = self.relation.replace("first", self.first).replace("second", self.second)
         return (
-            f"{self.first} and {self.second} have {self.overlap.volume:.4g} ± {self.overlap.error:.2g} mm³ in common "
-            f"({relation}), {place.distance:.3f} mm deep {where}"
+            f"{self.first} and {self.second} have {self.common_volume:.3g} mm³ in common ({relation}), "
+            f"{place.distance:.3f} mm deep {where}"
         )
 
 
@@ -150,18 +157,47 @@ def gap(first: BSplineSurface, second: BSplineSurface, *, names: tuple[str, str]
     lowest.append(sides[1].extreme(_as_is))
     if min(found.distance for found in lowest) >= -TOUCH:
         if all(np.abs(side.distances).max() <= TOUCH for side in sides):
-            return Gap(*names, "identical", nearest, nearest, Overlap.of_whole(first))
+            return Gap(*names, "identical", nearest, nearest, first.volume())
         return Gap(*names, "touching" if nearest.distance <= TOUCH else "apart", nearest)
     deeper = int(lowest[1].distance < lowest[0].distance)
     deepest = sides[deeper].place(lowest[deeper])
     for side, relation in zip(sides, ("first inside second", "second inside first")):
         if side.is_inside():
             nearest = side.place(side.extreme(np.abs))
-            return Gap(*names, relation, nearest, deepest, Overlap.of_whole(side.surface))
+            return Gap(*names, relation, nearest, deepest, side.surface.volume())
     crossing = sides[0].place(sides[0].extreme(np.abs))
     boundary = np.concatenate([side.near() for side in sides])
-    overlap = common_volume(first, second, boundary, margin=max(side.spacing for side in sides))
-    return Gap(*names, "overlapping", replace(crossing, distance=0.0), deepest, overlap)
+    volume = _common_volume((first, second), boundary, max(side.spacing for side in sides), deepest)
+    return Gap(*names, "overlapping", replace(crossing, distance=0.0), deepest, volume)
+
+
+def _common_volume(
+    surfaces: tuple[BSplineSurface, BSplineSurface], boundary: np.ndarray, margin: float, deepest: Place
+) -> float:
+    """Count the volume that two solids have in common, mm^3.
+
+    No point of its boundary is farther than the margin, mm, from one of the given ones, (n, 3).
+    """
+    meshes = [
+        triangulate(surface, chord_error=max(_CHORD_ERROR * deepest.distance, _LEAST_CHORD_ERROR * surface.size))
+        for surface in surfaces
+    ]
+    # Along the principal axes, so that the box of a thin lens is thin.
+    axes = np.linalg.svd(boundary - boundary.mean(axis=0), full_matrices=True)[2]
+    box, middle = Box.around(boundary, axes, margin=margin), np.mean(deepest.points, axis=0)
+    for _ in range(_MAX_SHRINKINGS):
+        both = np.logical_and(*(box.inside(mesh.points, mesh.triangles, _CELLS) for mesh in meshes))
+        matrix = box.cells(_CELLS)
+        found = np.argwhere(both)[:, ::-1] @ matrix[:3, :3].T + matrix[:3, 3]
+        if len(found):
+            smaller = Box.around(found, axes, margin=box.lengths / _CELLS)
+            if smaller.volume > 0.7 * box.volume:
+                return box.volume * len(found) / both.size
+            box = smaller
+        else:
+            # Thinner than a cell: halfway between the deepest point and its foot lies the middle of the lens.
+            box = Box(middle - box.edges.sum(axis=0) / 4.0, box.edges / 2.0)
+    return 0.0
 
 
 def _check(name: str, surface: BSplineSurface) -> None:

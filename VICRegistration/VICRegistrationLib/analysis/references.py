@@ -14,8 +14,7 @@ from ..geometry.surface_file import read_surface_record
 from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes
 from ..imaging.region import region_from_mask
-from .closed_mesh import closed_mesh, pieces
-from .distances import Reference, ReferenceMesh, mesh_of_mask
+from .distances import Reference, ReferenceMesh, closed_mesh, mesh_of_mask, pieces
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,9 @@
-"""Share of each voxel that lies inside a closed mesh."""
+"""Share of each voxel that lies inside a closed mesh, and the samples of a box that do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
@@ -65,6 +66,56 @@ def volume_fractions(
     for k, samples in enumerate(_stencil_slabs(fine, triangles, size, parts)):
         inside[k] = _block_sums(samples, parts) / float(parts.prod())
     return fractions
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Box in any direction.
+
+    Parameters
+    ----------
+    corner : (3,) ndarray
+        RAS mm.
+    edges : (3, 3) ndarray
+        Rows: the three edges from the corner, at right angles to each other, mm.
+    """
+
+    corner: np.ndarray
+    edges: np.ndarray
+
+    @classmethod
+    def around(cls, points: np.ndarray, axes: np.ndarray, *, margin: float | np.ndarray = 0.0) -> Box:
+        """Box along unit axes (rows) around points (n, 3), wider by a margin in mm on every side."""
+        along = points @ axes.T
+        low, high = along.min(axis=0) - margin, along.max(axis=0) + margin
+        return cls(low @ axes, (high - low)[:, None] * axes)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Lengths of the edges, (3,) mm."""
+        return np.linalg.norm(self.edges, axis=1)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Directions of the edges, unit vectors as rows."""
+        return self.edges / self.lengths[:, None]
+
+    @property
+    def volume(self) -> float:
+        """Volume, mm^3."""
+        return float(self.lengths.prod())
+
+    def cells(self, count: int) -> np.ndarray:
+        """Affine matrix (4, 4) from the indices of count^3 equal cells to their centres."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = (self.edges / count).T
+        matrix[:3, 3] = self.corner + self.edges.sum(axis=0) / (2.0 * count)
+        return matrix
+
+    def inside(self, points: np.ndarray, triangles: np.ndarray, count: int) -> np.ndarray:
+        """Which of count^3 cells have their centre inside closed triangles, (count, count, count) of bool."""
+        shares = volume_fractions(points, triangles, (count,) * 3, self.cells(count), supersampling=(1, 1, 1))
+        return shares > 0.5
 
 
 def _stencil_slabs(

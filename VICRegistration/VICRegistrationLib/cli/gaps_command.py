@@ -12,7 +12,7 @@ from ..analysis.gaps import Gap, gaps
 from ..files import keep_inputs, replacing
 from .solids import read_solids
 
-SCHEMA, VERSION = "vic-registration/gaps", 1
+SCHEMA, VERSION = "vic-registration/gaps", 2
 
 _EPILOG = """\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. Every pair of organs gets a line: how far they are
