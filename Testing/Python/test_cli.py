@@ -280,7 +280,9 @@ def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     told = capsys.readouterr().err
     assert "reaches the border of the image (right)" in told
     assert all("warning" in line for line in told.splitlines())
-    assert any("reaches the border" in warning for warning in organ["warnings"])
+    assert [warning["code"] for warning in organ["warnings"]] == ["reaches_border", "no_edge_at_side"]
+    assert organ["warnings"][0]["values"] == {"sides": ["right"]}
+    assert organ["warnings"][0]["sentence"] in told
 
 
 @pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["phantom", "--help"], ["reproduce", "--help"]])

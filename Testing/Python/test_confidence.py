@@ -12,7 +12,7 @@ from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.confidence import confidence_of
-from VICRegistrationLib.registration.diagnostics import warnings_about
+from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
 
 RADIUS, INSIDE, OUTSIDE = 20.0, 200.0, 80.0
@@ -88,9 +88,8 @@ def test_where_the_edge_is_missing_nothing_is_known(capped):
     assert confidence.unsupported[above].mean() > 0.8
     assert confidence.unsupported[below].mean() < 0.02
     assert confidence.unsupported_side == "superior"
-    told = [sentence for sentence in warnings_about(image, fit) if "follows no edge" in sentence]
-    assert len(told) == 1
-    assert f"on {confidence.unsupported_share:.0%} of its area, mostly at its superior side" in told[0]
+    (found,) = [found for found in fit_diagnostics(image, fit) if found.code == "no_edge_at_side"]
+    assert found.values == {"share": confidence.unsupported_share, "side": "superior"}
 
 
 def test_outside_of_the_volume_nothing_is_known():

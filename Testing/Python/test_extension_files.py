@@ -14,7 +14,7 @@ MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
 # Each folder imports from those in the rows above it only.
 ROWS = (
-    ("files", "file_names", "organ_colours"),
+    ("files", "file_names", "messages", "organ_colours"),
     ("geometry", "imaging"),
     ("segmentation",),
     ("registration",),

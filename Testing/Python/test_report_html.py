@@ -20,6 +20,7 @@ from VICRegistrationLib.analysis.comparison import compare, distances_from
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.automatic import Choice
 from VICRegistrationLib.registration.organ import finish, fit_organ
 from VICRegistrationLib.report.canvas import blank_figure, drawn_pixels, indexed_png, png_bytes, read_pixels
@@ -240,12 +241,12 @@ def test_the_same_fit_gives_the_same_page(full, image):
 
 
 def test_a_fit_that_did_not_end_well_is_told(plain, image):
-    problem = SimpleNamespace(message="The surface folds; take a smaller net.", kind="fold")
+    problem = SimpleNamespace(diagnostic=Diagnostic("folded_over", dict.fromkeys("rasuv", 0.5)), kind="fold")
     bad = SimpleNamespace(**{**vars(plain.fit), "problems": (problem,), "converged": False, "iterations": 3})
     bad.confidence = plain.fit.confidence
     bad.region = None
     words = Page(page_of([dataclasses.replace(plain, fit=bad)], image)).words
-    assert "no: The surface folds" in words
+    assert f"no: {problem.diagnostic.sentence()}" in words
     assert "no, after 3 iterations" in words
 
 

@@ -200,9 +200,11 @@ def test_seeds_in_one_piece_agree():
 def test_a_region_beyond_what_the_seed_sees_carries_a_warning():
     image, first, _ = bridged()
     leaked = separate(image, first, threshold=(140, 300), erosion=0.0)
-    assert len(leaked.warnings) == 1
-    assert "it may have leaked into other tissue (threshold 140 to 300, erosion 0 mm)" in leaked.warnings[0]
-    assert separate(image, first, threshold=(140, 300), erosion=2.0).warnings == ()
+    (found,) = leaked.diagnostics
+    assert found.code == "region_larger_than_seen"
+    assert found.values["region_ml"] == leaked.volume_ml > 1.3 * found.values["seen_ml"]
+    assert "it may have leaked into other tissue (threshold 140 to 300, erosion 0 mm)" in found.sentence()
+    assert separate(image, first, threshold=(140, 300), erosion=2.0).diagnostics == ()
 
 
 @pytest.mark.parametrize("erosion", [1e308, 1e6, 60.0])

@@ -197,13 +197,13 @@ def crossing():
 @pytest.mark.parametrize(
     ("surface", "words"),
     [
-        (bell(30.0), r"bladder: The surface has a rim at R .*, A .*, S .* mm \(u .*, v 0\); a solid needs"),
+        (bell(30.0), r"bladder: The surface has a rim at R .*, A .*, S .* mm \(u .*, v 0\)\. A solid needs"),
         (folded_pole(), r"bladder: The pole at R .*, A .*, S .* mm \(u .*, v 1\) is folded"),
         (
             organ().with_control_net(organ().control_net[::-1]),
-            r"bladder: The surface is inside out, as its normal at R .* mm \(u .*\) points inward; reverse",
+            r"bladder: The surface is inside out: its normal at R .* mm \(u .*\) points inward\. Reverse",
         ),
-        (folded(), r"bladder: The surface is folded over at R .*, A .*, S .* mm \(u .*, v .*\); take"),
+        (folded(), r"bladder: The surface is folded over at R .*, A .*, S .* mm \(u .*, v .*\)\. Take"),
         (crossing(), r"bladder: The surface passes through itself at R .*, A .*, S .* mm \(u .*, v .*\), where"),
     ],
     ids=["bell", "folded pole", "inside out", "folded", "self-intersection"],

@@ -286,7 +286,7 @@ def test_messages_are_one_sentence_with_place_and_remedy(sphere):
 
 
 def test_validate_raises_the_first_problem(sphere):
-    with pytest.raises(ValueError, match="^The surface is inside out, as its normal at R .* rows\\.$"):
+    with pytest.raises(ValueError, match="^The surface is inside out: its normal at R .* rows\\.$"):
         validate(sphere.with_control_net(sphere.control_net[::-1]))
     with pytest.raises(ValueError, match="^The surface has a rim at"):
         validate(models.bell())

@@ -29,7 +29,7 @@ def install():
     slicer.selfTests = {}
     modules = {name: application.CoreModule(name, logic) for name, logic in mrml.logics.items()}
     slicer.modules = SimpleNamespace(sampleDataSources={}, **modules)
-    _module("slicer.i18n", tr=scripted.tr, translate=scripted.translate)
+    _module("slicer.i18n", tr=scripted.tr, translate=scripted.translate, getContext=scripted.getContext)
     bases = [cls for name, cls in vars(scripted).items() if name.startswith("ScriptedLoadableModule")]
     _module("slicer.ScriptedLoadableModule", **{cls.__name__: cls for cls in bases})
     names = ("Default", "FloatRange", "WithinRange", "RangeBounds", "Minimum", "Maximum", "Choice", "Validator")

@@ -20,6 +20,12 @@ def translate(context, text):
     return slicer.app.translate(context, text)
 
 
+def getContext(sourceFile):
+    """Name under which the texts of a file are collected for translation."""
+    path = Path(sourceFile)
+    return f"{path.parent.name}.{path.stem}" if (path.parent / "__init__.py").is_file() else path.stem
+
+
 class ScriptedLoadableModule:
     """Base of what Slicer shows about a module."""
 

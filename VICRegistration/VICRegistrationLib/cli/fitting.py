@@ -10,7 +10,7 @@ from pathlib import Path
 from ..files import keep_inputs, replacing_folder
 from ..imaging.image import Image
 from ..imaging.reading import read_image
-from ..registration.diagnostics import warnings_about
+from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
 from ..report.canvas import require_matplotlib
@@ -103,8 +103,8 @@ def fit_to_folder(
 
 
 def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
-    for warning in warnings_about(image, organ.fit):
-        warn(f"{organ.name}: warning: {warning}")
+    for diagnostic in fit_diagnostics(image, organ.fit):
+        warn(f"{organ.name}: warning: {diagnostic.sentence()}")
     if step and organ.fit.problems:
         warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
@@ -123,7 +123,7 @@ def _write_pictures(
     compared = compared_organs(organs, references)
     shapes = {name: found.read.reference for name, found in compared.items()}
     for organ in organs:
-        count = len(warnings_about(image, organ.fit))
+        count = len(fit_diagnostics(image, organ.fit))
         path = drafts / f"{organ.name}.png"
         organ_picture(path, image, organ.fit, organ.name, reference=shapes.get(organ.name), n_warnings=count)
     if len(organs) > 1:

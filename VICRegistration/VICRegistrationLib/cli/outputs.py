@@ -18,7 +18,7 @@ from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..registration.boundary import boundary_deviations
-from ..registration.diagnostics import border_sides, warnings_about
+from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
@@ -216,7 +216,7 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         "choices": [dataclasses.asdict(choice) for choice in fit.choices],
         "touches_border": [] if region is None else border_sides(image, region),
         "valid": not fit.problems,
-        "warnings": warnings_about(image, organ.fit),
+        "warnings": [diagnostic.record() for diagnostic in fit_diagnostics(image, fit)],
     }
 
 

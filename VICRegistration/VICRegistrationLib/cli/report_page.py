@@ -10,7 +10,7 @@ from .. import __version__
 from ..analysis.gaps import gaps
 from ..files import replacing
 from ..imaging.image import Image
-from ..registration.diagnostics import warnings_about
+from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import FitOptions
 from ..report.canvas import indexed_png, read_pixels
 from ..report.contents import Compared, ReportedOrgan, Source
@@ -120,7 +120,7 @@ def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None) -> 
         seeds=organ.seeds,
         asked=_asked(organ.asked),
         seconds=organ.seconds,
-        warnings=[*warnings_about(image, fit), *about_reference],
+        warnings=[*(found.sentence() for found in fit_diagnostics(image, fit)), *about_reference],
         percentiles=confidence_percentiles(fit),
         compared=compared,
     )

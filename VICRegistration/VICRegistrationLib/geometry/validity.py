@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..messages import Diagnostic
 from . import bspline
 from .surface import BSplineSurface
 from .triangulation import triangulate
@@ -24,8 +25,10 @@ class Problem:
     Parameters
     ----------
     kind : {"open", "folded pole", "flipped normal", "self-intersection"}
-    message : str
-        One sentence: what is wrong, where, and what to do.
+    diagnostic : Diagnostic
+        What is wrong, and where.
+    remedy : str
+        What a caller with the control net at hand can do, as a sentence.
     parameters : (u, v)
         Where on the surface.
     point : (r, a, s)
@@ -33,9 +36,15 @@ class Problem:
     """
 
     kind: str
-    message: str
+    diagnostic: Diagnostic
+    remedy: str
     parameters: tuple[float, float]
     point: tuple[float, float, float]
+
+    @property
+    def message(self) -> str:
+        """What is wrong, where, and what to do."""
+        return f"{self.diagnostic.sentence()} {self.remedy}"
 
 
 def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tuple[Problem, ...]:
@@ -110,22 +119,24 @@ def validate(surface: BSplineSurface, *, require_closed: bool = True) -> None:
         raise ValueError(problems[0].message)
 
 
-def _problem(surface: BSplineSurface, kind: str, u: float, v: float, wrong: str, remedy: str) -> Problem:
-    """Build a problem at a place; ``{place}`` in the sentence stands for that place."""
+def _problem(
+    surface: BSplineSurface, kind: str, code: str, u: float, v: float, remedy: str, **values: float
+) -> Problem:
+    """Build a problem at a place."""
     r, a, s = (float(x) for x in surface.points([u], [v])[0])
-    place = f"R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})"
-    return Problem(kind, f"{wrong.format(place=place)}; {remedy}.", (float(u), float(v)), (r, a, s))
+    u, v = float(u), float(v)
+    diagnostic = Diagnostic(code, {"r": r, "a": a, "s": s, "u": u, "v": v, **values})
+    return Problem(kind, diagnostic, remedy, (u, v), (r, a, s))
 
 
 def _open_problem(surface: BSplineSurface) -> Problem:
     """Say which edge is open, at the middle of that edge."""
     (u_low, u_high), (v_low, v_high) = surface.domain
-    remedy = "a solid needs a seam and two poles, so start from a closed generic model"
+    remedy = "A solid needs a seam and two poles, so start from a closed generic model."
     if not surface.closed_u:
-        middle = (v_low + v_high) / 2.0
-        return _problem(surface, "open", u_low, middle, "The surface is open along {place}", remedy)
+        return _problem(surface, "open", "open_along", u_low, (v_low + v_high) / 2.0, remedy)
     v = v_high if surface.poles[0] else v_low
-    return _problem(surface, "open", (u_low + u_high) / 2.0, v, "The surface has a rim at {place}", remedy)
+    return _problem(surface, "open", "rim", (u_low + u_high) / 2.0, v, remedy)
 
 
 # ------------------------------------------------------------------ poles
@@ -143,14 +154,8 @@ def _pole_problem(surface: BSplineSurface, end: int) -> Problem | None:
         u = bspline.greville_abscissae(surface.degrees[0], surface.knots_u)
     if faulty is None:
         return None
-    return _problem(
-        surface,
-        "folded pole",
-        u[faulty],
-        v,
-        "The pole at {place} is folded, because the control points next to it do not go round it just once",
-        "move them apart around the pole, or start again from a generic model",
-    )
+    remedy = "Move the control points next to it apart around the pole, or start again from a generic model."
+    return _problem(surface, "folded pole", "folded_pole", u[faulty], v, remedy)
 
 
 def _faulty_turn(offsets: np.ndarray) -> int | None:
@@ -184,17 +189,15 @@ def _normal_problem(surface: BSplineSurface) -> Problem | None:
     length = np.linalg.norm(cross, axis=2)
     smallest = np.unravel_index(np.argmin(length), length.shape)
     area_scale = surface.size**2 / np.prod(np.ptp(surface.domain, axis=1))
-    remedy = "take a coarser net, or check the separated region there"
+    remedy = "Take a coarser net, or check the separated region there."
     if length[smallest] <= 1e-9 * area_scale:
-        wrong = "The surface has no normal at {place}, because its control points coincide or lie in one line"
-        return _problem(surface, "flipped normal", u[smallest[0]], v[smallest[1]], wrong, remedy)
+        return _problem(surface, "flipped normal", "no_normal", u[smallest[0]], v[smallest[1]], remedy)
     place = _overturned(surface, u, v, cross / length[..., None])
     if place:
-        return _problem(surface, "flipped normal", *place, "The surface is folded over at {place}", remedy)
+        return _problem(surface, "flipped normal", "folded_over", *place, remedy)
     if surface.closed and not surface.volume() > 0.0:
-        wrong = "The surface is inside out, as its normal at {place} points inward"
-        remedy = "reverse the order of the control net's rows"
-        return _problem(surface, "flipped normal", u[len(u) // 2], v[len(v) // 2], wrong, remedy)
+        remedy = "Reverse the order of the control net's rows."
+        return _problem(surface, "flipped normal", "inside_out", u[len(u) // 2], v[len(v) // 2], remedy)
     return None
 
 
@@ -247,14 +250,9 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
     centers = mesh.points[triangles[pairs[:, 0]]].mean(axis=1)
     typical = np.argmin(np.linalg.norm(centers - centers.mean(axis=0), axis=1))
     first, second = mesh.parameters[triangles[pairs[typical], 0]]
-    return _problem(
-        surface,
-        "self-intersection",
-        *first,
-        f"The surface passes through itself at {{place}}, where it meets the part about u {second[0]:.3g}, "
-        f"v {second[1]:.3g}",
-        "separate the organ's parts more clearly, or take a coarser net",
-    )
+    other = {"other_u": float(second[0]), "other_v": float(second[1])}
+    remedy = "Separate the organ's parts more clearly, or take a coarser net."
+    return _problem(surface, "self-intersection", "passes_through_itself", *first, remedy, **other)
 
 
 def _even_resolution(surface: BSplineSurface) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from ..messages import Diagnostic
 from .boxes import bounds
 from .image import Image
 from .morphology import fill_holes
@@ -33,8 +34,8 @@ class Region:
         go on outside.
     erosion : float or None
         Radius of the erosion in mm; None if the mask was given.
-    warnings : tuple of str
-        Sentences about what looks wrong with the region, and what to do; empty if nothing does.
+    diagnostics : tuple of Diagnostic
+        What looks wrong with the region; empty if nothing does.
     """
 
     mask: np.ndarray
@@ -43,7 +44,7 @@ class Region:
     threshold: tuple | None
     touches_border: tuple
     erosion: float | None = None
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     @property
     def image(self) -> Image:

@@ -11,6 +11,7 @@ from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, remov
 from .parameters import OrganState, RegionSource
 from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
+from .sentences import sentence
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
 
@@ -35,10 +36,11 @@ def separateOrgan(organ, volumeNode):
     ValueError
         If the organ cannot be separated; its segment is then empty.
     """
-    from ..registration.diagnostics import warnings_about_region
+    from ..registration.diagnostics import region_diagnostics
 
     image, region = _separated(organ, volumeNode)
-    return region, warnings_about_region(image, region) + _seedWarnings(organ, volumeNode, image, region)
+    warnings = [sentence(diagnostic) for diagnostic in region_diagnostics(image, region)]
+    return region, warnings + _seedWarnings(organ, volumeNode, image, region)
 
 
 def fitSteps(organ, volumeNode):
@@ -260,7 +262,7 @@ class _Bookkeeping:
             )
 
     def _record(self, image, fit):
-        from ..registration.diagnostics import warnings_about
+        from ..registration.diagnostics import fit_diagnostics
         from ..registration.nets import net_of
 
         organ, model = self.organ, self.model
@@ -289,7 +291,8 @@ class _Bookkeeping:
                 cost=f"{fit.cost_final:.3g}",
                 seconds=f"{fit.seconds:.2f}",
             )
-            organ.message = "\n".join([told, *self._chosen(fit), *warnings_about(image, fit)])
+            warnings = [sentence(diagnostic) for diagnostic in fit_diagnostics(image, fit)]
+            organ.message = "\n".join([told, *self._chosen(fit), *warnings])
 
     def _chosen(self, fit):
         """Tell in a line what the fit has chosen; no line if everything was given."""

@@ -1,10 +1,11 @@
-"""What a user should look at before trusting a region or a surface, in plain words."""
+"""What a user should look at before trusting a region or a surface, as codes with their values."""
 
 from __future__ import annotations
 
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
 from ..imaging.region import Region
+from ..messages import Diagnostic
 from .organ import OrganFit
 
 # Mean squared difference between the image and an edge, over the squared contrast.
@@ -17,8 +18,8 @@ _LARGEST_CHANGE = 0.2
 _LARGEST_REACH = 0.2
 
 
-def warnings_about(image: Image, fit: OrganFit) -> list[str]:
-    """Sentences about a fit.
+def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
+    """Find what looks wrong about a fit and its region.
 
     Parameters
     ----------
@@ -28,31 +29,15 @@ def warnings_about(image: Image, fit: OrganFit) -> list[str]:
 
     Returns
     -------
-    list of str
+    list of Diagnostic
         Empty if nothing is known to be wrong.
     """
-    # The library's own remedies are for programmers.
-    sentences = [
-        f"{problem.message.partition('; ')[0]}; look at the contour, and try a smaller net or another seed, threshold "
-        "or erosion."
-        for problem in fit.problems
-    ]
-    if not fit.converged:
-        last = next(step for step in reversed(fit.history) if step.stopped_by and not step.converged)
-        why = (
-            "because no further step lowered the cost"
-            if last.stopped_by == "no better point"
-            else f"while the surface still moved by {last.displacement:.2g} mm"
-        )
-        sentences.append(
-            f"The fit stopped after {last.iteration} iterations of its stage {last.stage}, {why}; look at the contour."
-        )
-    region = [] if fit.region is None else warnings_about_region(image, fit.region)
-    return [*sentences, *region, *_warnings_about_fit(fit)]
+    region = [] if fit.region is None else region_diagnostics(image, fit.region)
+    return [*_invalid(fit), *_unconverged(fit), *region, *_without_edge(fit), *_unlike_region(fit)]
 
 
-def warnings_about_region(image: Image, region: Region) -> list[str]:
-    """Sentences about a separated region.
+def region_diagnostics(image: Image, region: Region) -> list[Diagnostic]:
+    """Find what looks wrong about a separated region.
 
     Parameters
     ----------
@@ -62,14 +47,10 @@ def warnings_about_region(image: Image, region: Region) -> list[str]:
 
     Returns
     -------
-    list of str
+    list of Diagnostic
     """
     sides = border_sides(image, region)
-    border = [
-        f"The organ reaches the border of the image ({', '.join(sides)}) and may go on outside of it; there the "
-        "surface is not that of the organ."
-    ]
-    return [*(border if sides else []), *region.warnings]
+    return [*([Diagnostic("reaches_border", {"sides": sides})] if sides else []), *region.diagnostics]
 
 
 def border_sides(image: Image, region: Region) -> list[str]:
@@ -95,47 +76,44 @@ def _side(image: Image, face: str) -> str:
     return patient_side(outward)
 
 
-def _warnings_about_fit(fit: OrganFit) -> list[str]:
-    """Sentences about a surface that may be valid and yet not that of an organ."""
-    sentences = []
+def _invalid(fit: OrganFit) -> list[Diagnostic]:
+    """Why the surface is no valid solid."""
+    return [Diagnostic("invalid_surface", {"problem": problem.diagnostic}) for problem in fit.problems]
+
+
+def _unconverged(fit: OrganFit) -> list[Diagnostic]:
+    """How the stage ended that did not converge."""
+    if fit.converged:
+        return []
+    last = next(step for step in reversed(fit.history) if step.stopped_by and not step.converged)
+    values = {"iterations": last.iteration, "stage": last.stage}
+    if last.stopped_by == "no better point":
+        return [Diagnostic("no_further_step", values)]
+    return [Diagnostic("still_moving", {**values, "displacement_mm": float(last.displacement)})]
+
+
+def _without_edge(fit: OrganFit) -> list[Diagnostic]:
+    """Where the image does not tell where the surface is."""
+    found = []
     if fit.cost_final >= _POOR_COST:
-        sentences.append(
-            "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of "
-            f"the contrast (cost {fit.cost_final:.2g}); look at the contour, and give another seed or threshold."
-        )
-    sentences += _warnings_about_support(fit)
+        found.append(Diagnostic("no_clear_edge", {"cost": float(fit.cost_final)}))
+    share, side = float(fit.confidence.unsupported_share), fit.confidence.unsupported_side
+    if share >= _LEAST_WITHOUT_EDGE and side:
+        found.append(Diagnostic("no_edge_at_side", {"share": share, "side": side}))
+    elif share >= _LEAST_WITHOUT_EDGE:
+        found.append(Diagnostic("no_edge_in_places", {"share": share}))
+    return found
+
+
+def _unlike_region(fit: OrganFit) -> list[Diagnostic]:
+    """Where the surface is not that of the region: thin parts that it leaves out change the volume by little."""
     if fit.region is None:
-        return sentences
-    volume, separated = fit.surface.volume() / 1000.0, float(fit.region.volume_ml)
+        return []
+    found = []
+    volume, separated = float(fit.surface.volume()) / 1000.0, float(fit.region.volume_ml)
     if abs(volume - separated) > _LARGEST_CHANGE * separated:
-        sentences.append(
-            f"The surface holds {volume:.1f} ml, but the separated region {separated:.1f} ml; look at the contour, and "
-            "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."
-        )
-    return [*sentences, *_warnings_about_reach(fit)]
-
-
-def _warnings_about_reach(fit: OrganFit) -> list[str]:
-    """Sentences about parts of the region that the surface leaves out: thin ones change the volume by little."""
+        found.append(Diagnostic("volume_differs", {"surface_ml": volume, "region_ml": separated}))
     reach, side = fit.left_out
-    if reach <= _LARGEST_REACH * ball_radius(fit.surface.volume()):
-        return []
-    return [
-        f"The separated region reaches {reach:.0f} mm beyond the surface at its {side} side: a thin part of the organ "
-        "that the surface does not follow, or a leak. Look at the contour there, and place points on the wall if the "
-        "region is right, or give another threshold or erosion if it is not."
-    ]
-
-
-def _warnings_about_support(fit: OrganFit) -> list[str]:
-    """Sentences about places where the image does not tell where the surface is."""
-    confidence = fit.confidence
-    if confidence.unsupported_share < _LEAST_WITHOUT_EDGE:
-        return []
-    side = confidence.unsupported_side
-    where = f", mostly at its {side} side" if side else ""
-    held = "" if fit.region is None else "; what holds it there is the separated region"
-    return [
-        f"The surface follows no edge on {confidence.unsupported_share:.0%} of its area{where}{held}. Look at the "
-        "contour there, and place points on the wall where you know it."
-    ]
+    if reach > _LARGEST_REACH * ball_radius(fit.surface.volume()):
+        found.append(Diagnostic("part_left_out", {"reach_mm": reach, "side": side}))
+    return found

@@ -101,7 +101,7 @@ def _result(organ: ReportedOrgan) -> Html:
     rows += [] if fit.region is None else [("Separated region", f"{fit.region.volume_ml:.1f} ml")]
     rows += [
         ("Area", f"{fit.surface.area() / 100.0:.1f} cm²"),
-        ("Valid solid", "yes" if not fit.problems else f"no: {fit.problems[0].message.partition('; ')[0]}"),
+        ("Valid solid", "yes" if not fit.problems else f"no: {fit.problems[0].diagnostic.sentence()}"),
         ("Converged", f"{'yes' if fit.converged else 'no'}, after {fit.iterations} iterations"),
         (
             "Cost",

@@ -1,4 +1,4 @@
-"""What a separation is asked for, and what came out of it: refused, or told as a warning, in plain words."""
+"""What a separation is asked for, and what came out of it: refused, or told as a diagnostic."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..imaging.boxes import ball_box, pieces
+from ..messages import Diagnostic
 
 # More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
 _LARGEST_SHARE = 0.6
@@ -125,17 +126,13 @@ def check_pieces(region):
         raise ValueError(msg)
 
 
-def warnings(region, edges, volume):
+def leak_diagnostics(region, edges, volume):
     """Tell of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
     if volume <= LEAK_FACTOR * edges.volume:
         return ()
-    spanned = edges.volume / 1000.0
-    low, high = region.threshold
-    return (
-        f"The separated region of {region.volume_ml:.1f} ml is larger than the {spanned:.1f} ml seen from the seeds; "
-        f"it may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {region.erosion:g} mm). "
-        "Look at the contour; if it has, narrow the threshold or increase the erosion.",
-    )
+    low, high = (float(level) for level in region.threshold)
+    seen = {"region_ml": float(region.volume_ml), "seen_ml": float(edges.volume) / 1000.0}
+    return (Diagnostic("region_larger_than_seen", {**seen, "low": low, "high": high, "erosion_mm": region.erosion}),)
 
 
 def place(seed):

@@ -19,9 +19,9 @@ from .checks import (
     check_scale,
     checked_radius,
     checked_threshold,
+    leak_diagnostics,
     refuse_erosion,
     refuse_seed,
-    warnings,
 )
 from .limits import Limits
 from .ray_origins import looked_around, within_limits
@@ -68,7 +68,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     -------
     Region
         An organ cut by the border of the volume is not an error: see ``touches_border``. Nor is one much larger
-        than what the rays span: see ``warnings``.
+        than what the rays span: see ``diagnostics``.
 
     Raises
     ------
@@ -101,7 +101,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     region = region_from_crop(image, mask, start, fill=fill, threshold=threshold, erosion=erosion)
     check_leak(image, region)
     check_pieces(region)
-    return replace(region, warnings=warnings(region, edges, np.count_nonzero(mask) * image.voxel_volume))
+    volume = np.count_nonzero(mask) * image.voxel_volume
+    return replace(region, diagnostics=leak_diagnostics(region, edges, volume))
 
 
 def _separated_by_default(image, edges, seeds, limits, dilation):

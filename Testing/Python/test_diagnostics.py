@@ -1,21 +1,21 @@
-"""What a user is told to look at."""
+"""What looks wrong with a region or a fit, by codes and values."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 from small_phantom import CENTER, ellipsoid_image
 
-from VICRegistrationLib.registration.diagnostics import border_sides, warnings_about
+from VICRegistrationLib.messages import Diagnostic
+from VICRegistrationLib.registration.diagnostics import border_sides, fit_diagnostics
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 from VICRegistrationLib.segmentation.separation import separate
 
 
 def test_a_sound_fit_gives_no_warning():
     image = ellipsoid_image()
-    assert warnings_about(image, finish(fit_region(image, separate(image, CENTER)))) == []
+    assert fit_diagnostics(image, finish(fit_region(image, separate(image, CENTER)))) == []
 
 
 def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
@@ -27,13 +27,13 @@ def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
     tail = np.zeros((len(mask), *mask.shape[1:]), dtype=bool)
     tail[:, j : j + 2, i : i + 2] = True
     longer = replace(found, region=replace(found.region, mask=np.concatenate([mask, tail])))
-    (told,) = warnings_about(image, longer)
+    (told,) = fit_diagnostics(image, longer)
     length = round(len(mask) * float(image.spacing[2]))
-    reach = int(re.search(r"reaches (\d+) mm beyond the surface", told)[1])
-    assert abs(reach - length) <= 4
+    assert told.code == "part_left_out"
+    assert abs(told.values["reach_mm"] - length) <= 4
+    assert told.values["side"] == border_sides(image, replace(found.region, touches_border=("k+",)))[0]
     # A larger net leaves thin parts out as well.
-    assert "place points on the wall" in told
-    assert f"at its {border_sides(image, replace(found.region, touches_border=('k+',)))[0]} side" in told
+    assert "place points on the wall" in told.sentence()
 
 
 def test_the_sides_of_the_border_are_those_of_the_patient():
@@ -45,27 +45,36 @@ def test_the_sides_of_the_border_are_those_of_the_patient():
     assert border_sides(whole, touching) == ["right", "superior", "posterior"]
 
 
-def test_what_looks_wrong_about_a_fit_is_told_in_plain_words():
+def test_what_looks_wrong_about_a_fit_is_found():
     image = ellipsoid_image()
     options = FitOptions()
     region = separate(image, CENTER)
     found = finish(fit_region(image, region, options))
     inside_out = found.surface.transformed(np.diag([-2.0, 1.0, 1.0, 1.0]))
+    leak = Diagnostic(
+        "region_larger_than_seen", {"region_ml": 9.0, "seen_ml": 5.0, "low": 1, "high": 2, "erosion_mm": 2}
+    )
     bad = replace(
         found,
         surface=inside_out,
         converged=False,
         cost_final=0.7,
-        region=replace(region, warnings=("The region leaks.",)),
+        region=replace(region, diagnostics=(leak,)),
         history=(*found.history[:-1], replace(found.history[-1], stopped_by="no better point")),
     )
-    told = warnings_about(image, bad)
-    for words in (
-        "inside out",
-        "no further step lowered the cost",
-        "The region leaks.",
-        "follows no clear edge",
-        "but the separated region",
-    ):
-        assert sum(words in sentence for sentence in told) == 1, words
-    assert not [sentence for sentence in told if "control net" in sentence or "weight" in sentence]
+    told = fit_diagnostics(image, bad)
+    assert [found.code for found in told] == [
+        "invalid_surface",
+        "no_further_step",
+        "region_larger_than_seen",
+        "no_clear_edge",
+        "no_edge_in_places",
+        "volume_differs",
+        "part_left_out",
+    ]
+    assert told[0].values["problem"].code == "inside_out"
+    assert told[2] is leak
+    # What helps somebody with the control net at hand is not for them.
+    sentences = [found.sentence() for found in told]
+    assert not [sentence for sentence in sentences if "control net" in sentence or "weight" in sentence]
+    assert all(sentence[0].isupper() and sentence.endswith(".") for sentence in sentences)

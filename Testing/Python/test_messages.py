@@ -1,0 +1,89 @@
+"""The table of sentences: every code has its values, and each sentence can be translated."""
+
+from __future__ import annotations
+
+import ast
+import json
+import string
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from VICRegistrationLib import messages
+from VICRegistrationLib.imaging.image import patient_side
+from VICRegistrationLib.messages import SENTENCES, WORDS, Diagnostic
+
+LIBRARY = Path(messages.__file__).parent
+
+
+def names_of(template):
+    return {name for _, name, _, _ in string.Formatter().parse(template) if name}
+
+
+def codes_in_the_library():
+    """Texts in the library that stand where a code may stand: all string constants but for those of the table."""
+    for path in LIBRARY.rglob("*.py"):
+        if path.name != "messages.py":
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            yield from (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
+
+
+def test_every_sentence_is_used():
+    assert set(SENTENCES) <= set(codes_in_the_library())
+
+
+def test_every_code_that_is_written_down_has_a_sentence_with_its_values():
+    for path in LIBRARY.rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Diagnostic":
+                code, *values = call.args
+                if isinstance(code, ast.Constant):
+                    wanted = names_of(SENTENCES[code.value])
+                    given = {key.value for each in values if isinstance(each, ast.Dict) for key in each.keys if key}
+                    assert given <= wanted, code.value
+
+
+def test_every_sentence_is_marked_for_translation():
+    tree = ast.parse((LIBRARY / "messages.py").read_text(encoding="utf-8"))
+    marked = {
+        call.args[0].value
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "_" and isinstance(call.args[0], ast.Constant)
+    }
+    assert {*SENTENCES.values(), *WORDS} <= marked
+
+
+def test_the_sides_of_the_patient_are_words_that_can_be_translated():
+    assert {patient_side(sign * axis) for axis in np.eye(3) for sign in (-1.0, 1.0)} <= set(WORDS)
+
+
+def test_a_sentence_is_translated_with_its_words_and_what_it_holds():
+    german = {
+        "{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion.": "{problem} Hm.",
+        SENTENCES["folded_over"]: "Gefaltet bei {r:.1f}.",
+        SENTENCES["reaches_border"]: "Am Rand: {sides}.",
+        "left": "links",
+        "right": "rechts",
+    }
+    place = {"r": 1.26, "a": 0.0, "s": 0.0, "u": 0.0, "v": 0.0}
+    found = Diagnostic("invalid_surface", {"problem": Diagnostic("folded_over", place)})
+    assert found.sentence(lambda text: german.get(text, text)) == "Gefaltet bei 1.3. Hm."
+    border = Diagnostic("reaches_border", {"sides": ["left", "right"]})
+    assert border.sentence(lambda text: german.get(text, text)) == "Am Rand: links, rechts."
+    assert "(left, right)" in border.sentence()
+
+
+@pytest.mark.parametrize("spoilt", ["Kosten {kosten}", "Kosten {", "Kosten {}", "Kosten {cost:d}"])
+def test_a_translation_that_has_lost_a_value_is_not_used(spoilt):
+    found = Diagnostic("no_clear_edge", {"cost": 0.5})
+    assert found.sentence(lambda text: spoilt) == found.sentence()
+
+
+def test_a_record_is_what_json_keeps():
+    place = {"r": 1.0, "a": 2.0, "s": 3.0, "u": 0.25, "v": 0.5}
+    found = Diagnostic("invalid_surface", {"problem": Diagnostic("folded_over", place)})
+    record = json.loads(json.dumps(found.record()))
+    assert record["code"] == "invalid_surface"
+    assert record["sentence"] == found.sentence()
+    assert record["values"]["problem"]["values"] == place

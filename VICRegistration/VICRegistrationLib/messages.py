@@ -1,0 +1,134 @@
+"""What the library says about a result: a code with its values, and one table of their English sentences.
+
+The command line shows the sentences as they are, and the Slicer module translates the same table: each sentence is
+written once. Knows nothing of the rest of the library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+
+def _(text: str) -> str:
+    """Mark a text for Slicer's translators; it is translated where it is shown."""
+    return text
+
+
+# A new diagnostic is a new line here. Its values stand in braces, as str.format takes them.
+SENTENCES = {
+    # The separated region.
+    "reaches_border": _(
+        "The organ reaches the border of the image ({sides}) and may go on outside of it; there the surface is not "
+        "that of the organ."
+    ),
+    "region_larger_than_seen": _(
+        "The separated region of {region_ml:.1f} ml is larger than the {seen_ml:.1f} ml seen from the seeds; it may "
+        "have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} mm). Look at the "
+        "contour; if it has, narrow the threshold or increase the erosion."
+    ),
+    # Why a surface is no valid solid.
+    "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
+    "rim": _("The surface has a rim at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
+    "folded_pole": _(
+        "The pole at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}) is folded: the surface does not go "
+        "round it just once."
+    ),
+    "no_normal": _(
+        "The surface has no normal at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}): it is pinched there "
+        "into a line or a point."
+    ),
+    "folded_over": _("The surface is folded over at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
+    "inside_out": _(
+        "The surface is inside out: its normal at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}) points "
+        "inward."
+    ),
+    "passes_through_itself": _(
+        "The surface passes through itself at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}), where it "
+        "meets the part about u {other_u:.3g}, v {other_v:.3g}."
+    ),
+    # A fit.
+    "invalid_surface": _("{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion."),
+    "no_further_step": _(
+        "The fit stopped after {iterations} iterations of its stage {stage}, because no further step lowered the cost; "
+        "look at the contour."
+    ),
+    "still_moving": _(
+        "The fit stopped after {iterations} iterations of its stage {stage}, while the surface still moved by "
+        "{displacement_mm:.2g} mm; look at the contour."
+    ),
+    "no_clear_edge": _(
+        "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of the "
+        "contrast (cost {cost:.2g}); look at the contour, and give another seed or threshold."
+    ),
+    "no_edge_in_places": _(
+        "The surface follows no edge on {share:.0%} of its area; what holds it there is the shape that the fit began "
+        "with. Look at the contour there, and place points on the wall where you know it."
+    ),
+    "no_edge_at_side": _(
+        "The surface follows no edge on {share:.0%} of its area, mostly at its {side} side; what holds it there is the "
+        "shape that the fit began with. Look at the contour there, and place points on the wall where you know it."
+    ),
+    "volume_differs": _(
+        "The surface holds {surface_ml:.1f} ml, but the separated region {region_ml:.1f} ml; look at the contour, and "
+        "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."
+    ),
+    "part_left_out": _(
+        "The separated region reaches {reach_mm:.0f} mm beyond the surface at its {side} side: a thin part of the "
+        "organ that the surface does not follow, or a leak. Look at the contour there, and place points on the wall "
+        "if the region is right, or give another threshold or erosion if it is not."
+    ),
+}
+# Words that values may be; a place on the patient is one of them.
+WORDS = (_("left"), _("right"), _("posterior"), _("anterior"), _("inferior"), _("superior"))
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One thing to know about a result.
+
+    Parameters
+    ----------
+    code : str
+        Out of `SENTENCES`.
+    values : mapping of str to object
+        What the sentence says in numbers (units are in their names), words, lists of words, or other diagnostics.
+    """
+
+    code: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def sentence(self, translate: Callable[[str], str] = _) -> str:
+        """Put it into a sentence.
+
+        Parameters
+        ----------
+        translate : callable
+            Takes an English text of this file; English is kept without it, and where a translation has lost a value.
+
+        Returns
+        -------
+        str
+        """
+        english = SENTENCES[self.code]
+        values = {name: _shown(value, translate) for name, value in self.values.items()}
+        try:
+            return translate(english).format(**values)
+        except (IndexError, KeyError, ValueError):
+            return english.format(**values)
+
+    def record(self) -> dict[str, object]:
+        """Code, values and English sentence, as JSON keeps them."""
+        values = {
+            name: value.record() if isinstance(value, Diagnostic) else value for name, value in self.values.items()
+        }
+        return {"code": self.code, "values": values, "sentence": self.sentence()}
+
+
+def _shown(value: object, translate: Callable[[str], str]) -> object:
+    """Value as it stands in a sentence."""
+    if isinstance(value, Diagnostic):
+        return value.sentence(translate)
+    if isinstance(value, (list, tuple)):
+        return ", ".join(str(_shown(part, translate)) for part in value)
+    return translate(value) if isinstance(value, str) else value
