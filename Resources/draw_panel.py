@@ -1,4 +1,4 @@
-"""Draw the module's panel for the README: its .ui file in plain Qt widgets that look much like Slicer's.
+"""Draw the module's panel for the pages: its .ui file in plain Qt widgets that look much like Slicer's.
 
 A drawing, not a screenshot: Slicer's own widgets exist in Slicer only. Needs PySide6, and no screen.
 """
@@ -10,7 +10,7 @@ import re
 import sys
 from pathlib import Path
 
-from PySide6.QtCore import QBuffer, QPointF, Qt
+from PySide6.QtCore import QBuffer, QPointF, QSize, Qt
 from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
 from PySide6.QtUiTools import QUiLoader
 from PySide6.QtWidgets import (
@@ -29,6 +29,8 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from VICRegistrationLib.gui.form import tableHeight
 
 ROOT = Path(__file__).resolve().parent.parent
 PANEL = ROOT / "VICRegistration" / "Resources" / "UI" / "VICRegistration.ui"
@@ -62,6 +64,14 @@ TEXTS = {
 }
 
 
+# Rows that do not apply to an organ from seeds that is compared with a segment and written as STEP.
+HIDDEN = (
+    *("segmentLabel", "segmentSelector", "plotFrame", "referenceModelLabel", "referenceModelSelector"),
+    *("meshSizeLabel", "meshSizeSlider", "meshOrderLabel", "meshOrderCombo", "meshWallLabel", "meshWallSlider"),
+    *("cancelExportButton", "givenLevelsLabel", "insideSpin", "outsideSpin"),
+)
+
+
 class Section(QWidget):
     """Look-alike of ctkCollapsibleButton: a button across the panel over a frame."""
 
@@ -70,6 +80,17 @@ class Section(QWidget):
     def __init__(self, parent):
         super().__init__(parent)
         self.setContentsMargins(0, self.HEADER, 0, 0)
+
+    def sizeHint(self):
+        """Ask for the contents' own size hint below the button."""
+        width = self.fontMetrics().horizontalAdvance(self.property("text") or "") + 40
+        if self.property("collapsed") or self.layout() is None:
+            return QSize(width, self.HEADER)
+        return super().sizeHint().expandedTo(QSize(width, self.HEADER))
+
+    def minimumSizeHint(self):
+        """Ask for the size hint as the minimum, as a button does and ctkCollapsibleButton with it."""
+        return self.sizeHint()
 
     def paintEvent(self, _event):
         """Draw the button and the frame."""
@@ -92,7 +113,6 @@ class Section(QWidget):
         if self.property("collapsed"):
             for child in self.findChildren(QWidget, options=Qt.FindDirectChildrenOnly):
                 child.hide()
-            self.setFixedHeight(self.HEADER)
 
 
 class Slider(QWidget):
@@ -254,6 +274,8 @@ def fill_table(table, headings: list[str], rows: list[tuple], wide: int) -> None
     table.setRowCount(len(rows))
     table.verticalHeader().hide()
     header = table.horizontalHeader()
+    row, title = table.verticalHeader().defaultSectionSize(), header.sizeHint().height()
+    table.setFixedHeight(tableHeight(len(rows), row=row, header=title, frame=table.frameWidth()))
     for column in range(len(headings)):
         header.setSectionResizeMode(column, QHeaderView.ResizeToContents)
     header.setSectionResizeMode(wide, QHeaderView.Stretch)
@@ -262,32 +284,42 @@ def fill_table(table, headings: list[str], rows: list[tuple], wide: int) -> None
             table.setItem(row, column, QTableWidgetItem(text))
 
 
-def fill(panel: QWidget) -> None:
-    """Show the panel as it is while three organs are worked on."""
+def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOUNDARY_POINTS, **texts: str) -> None:
+    """Show the panel as it is while organs are worked on.
+
+    Parameters
+    ----------
+    panel : QWidget
+    organs : list of (name, colour, volume, state)
+    points : list of (position, deviation)
+    **texts : str
+        Texts of labels in place of the usual ones, by the labels' names.
+    """
     for widget in panel.findChildren(QWidget):
         if type(widget) in LOOKALIKES.values() and hasattr(widget, "finish"):
             widget.finish()
-    organs = panel.findChild(QWidget, "organsTable")
-    rows = [("", "", name, volume, state) for name, _, volume, state in ORGANS]
-    fill_table(organs, ["", "", "Organ", "Volume (ml)", "State"], rows, wide=2)
-    for row, (_, color, _, _) in enumerate(ORGANS):
-        organs.item(row, 0).setIcon(eye_icon())
-        organs.item(row, 1).setData(Qt.DecorationRole, QColor(color))
-    organs.selectRow(0)
-    fill_table(panel.findChild(QWidget, "boundaryTable"), BOUNDARY_HEADINGS, BOUNDARY_POINTS, wide=0)
-    for name, texts in CHOICES.items():
-        panel.findChild(QWidget, name).addItems(texts)
-    for name, text in TEXTS.items():
+    table = panel.findChild(QWidget, "organsTable")
+    rows = [("", "", name, volume, state) for name, _, volume, state in organs]
+    fill_table(table, ["", "", "Organ", "Volume (ml)", "State"], rows, wide=2)
+    for row, (_, color, _, _) in enumerate(organs):
+        table.item(row, 0).setIcon(eye_icon())
+        table.item(row, 1).setData(Qt.DecorationRole, QColor(color))
+    table.selectRow(0)
+    fill_table(panel.findChild(QWidget, "boundaryTable"), BOUNDARY_HEADINGS, points, wide=0)
+    for name, choices in CHOICES.items():
+        panel.findChild(QWidget, name).addItems(choices)
+    for name, text in {**TEXTS, **texts}.items():
         panel.findChild(QWidget, name).setText(text)
     panel.findChild(QWidget, "progressBar").setValue(100)
-    # Nothing to cancel, and the organ comes from seeds.
-    for name in ("cancelButton", "segmentSelector", "erosionSlider", "dilationSlider", "referenceModelSelector"):
-        panel.findChild(QWidget, name).setEnabled(False)
+    # Nothing to cancel, and the organ comes from seeds, with everything automatic.
+    panel.findChild(QWidget, "cancelButton").setEnabled(False)
+    for name in HIDDEN:
+        panel.findChild(QWidget, name).hide()
 
 
-def read_panel() -> QWidget:
+def read_panel(path: Path = PANEL) -> QWidget:
     """Read the .ui file, without the connections that only Slicer's widgets have."""
-    text = re.sub(r"<connections>.*</connections>", "", PANEL.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(r"<connections>.*</connections>", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
     buffer = QBuffer()
     buffer.setData(text.encode())
     buffer.open(QBuffer.ReadOnly)

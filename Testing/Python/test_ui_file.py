@@ -36,7 +36,7 @@ INPUTS = (
 NAMES = {
     "qMRMLWidget": "VICRegistration",
     "ctkCollapsibleButton": "inputsSection separateSection fitSection correctSection exportSection compareSection "
-    "advancedSection",
+    "advancedSection regionSettingsSection",
     "qMRMLNodeComboBox": "volumeSelector referenceModelSelector",
     "QTableWidget": "organsTable boundaryTable",
     "QComboBox": "presetCombo sourceCombo closureCombo profileCombo levelsCombo solverCombo stoppingCombo "
@@ -48,8 +48,8 @@ NAMES = {
     "ctkRangeWidget": "thresholdRange",
     "ctkSliderWidget": "erosionSlider dilationSlider boundaryWeightSlider tauSlider smoothnessSlider "
     "meshSizeSlider meshWallSlider",
-    "QCheckBox": "erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck netAutomaticCheck "
-    "tauAutomaticCheck smoothnessAutomaticCheck",
+    "QCheckBox": "fitAtOnceCheck erosionAutomaticCheck dilationAutomaticCheck previewCheck convergenceCheck "
+    "netAutomaticCheck tauAutomaticCheck smoothnessAutomaticCheck",
     "QLabel": "regionStatusLabel fitStatusLabel correctStatusLabel exportStatusLabel compareStatusLabel",
     "QLineEdit": "patientEdit",
     "ctkPathLineEdit": "exportFolderEdit",

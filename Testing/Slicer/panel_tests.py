@@ -293,6 +293,68 @@ class FitTest(PanelTestCase):
         self.assertTrue(organ.plot.GetNumberOfPlotSeriesNodes() == 1)
         self.assertEqual(organ.convergence.GetNumberOfRows(), int(organ.message.split()[0]))
 
+    def test_theFillsOfFittedOrgansAreHidden(self):
+        for name in ("bladder", "vagina"):
+            self.add(name)
+            self.placeSeeds(name)
+        self.ui.fitAllButton.click()
+        self.waitForFit()
+        for organ in self.panel.organs:
+            self.assertFalse(organ.regions.GetDisplayNode().GetSegmentVisibility(organ.regionSegmentId))
+        self.assertFalse(self.ui.previewCheck.checked)
+
+    def test_aNewOrganIsFittedAtOnce(self):
+        self.ui.fitAtOnceCheck.checked = True
+        try:
+            self.add("bladder")
+            self.placeSeeds("bladder", count=1)
+            self.waitForFit()
+            self.assertLess(self.distance(self.organ), 0.3)
+            surface = surfaceFromModel(self.organ.surface).control_net
+            # Only the first region of a new organ: changes of the grey levels are looked at before they are fitted.
+            self.ui.erosionAutomaticCheck.click()
+            self.ui.erosionSlider.value = 4.0
+            self.waitForRegion()
+            self.assertFalse(self.panel.fitSection.running)
+            np.testing.assert_array_equal(surfaceFromModel(self.organ.surface).control_net, surface)
+        finally:
+            self.ui.fitAtOnceCheck.checked = False
+
+    def test_the3dViewsAreFocusedOnTheFirstSurfaceOnly(self):
+        self.fitted("bladder")
+        self.assertEqual(self.volume.GetAttribute("VIC.focused"), "1")
+        layoutManager = slicer.app.layoutManager()
+        if layoutManager is None:
+            return
+        camera = layoutManager.threeDWidget(0).threeDView().cameraNode()
+        before = camera.GetPosition()
+        self.fitted("vagina")
+        self.assertEqual(camera.GetPosition(), before)
+
+
+class SizeTest(PanelTestCase):
+    """The panel stays as narrow as Slicer's own modules."""
+
+    SECTIONS = ("inputs", "separate", "fit", "correct", "export", "compare", "advanced")
+
+    def assertNarrow(self):
+        slicer.app.processEvents()
+        for name in self.SECTIONS:
+            hint = getattr(self.ui, f"{name}Section").minimumSizeHint
+            if hint is None:
+                self.skipTest("widgets have no size outside of Slicer")
+            self.assertLess(hint.width(), 480, name)
+
+    def test_itStaysNarrowWithOrgansAndLongMessages(self):
+        self.assertNarrow()
+        self.fitted("bladder")
+        self.assertNarrow()
+        self.panel.organs.rename(self.organ, "a bladder with a name that nobody would type " * 3)
+        self.organ.message = "\n".join(["a message that is far longer than the panel is wide " * 3] * 2)
+        self.volume.SetName("a volume with a long name, as DICOM descriptions have them " * 3)
+        self.panel.refresh()
+        self.assertNarrow()
+
 
 class CorrectTest(PanelTestCase):
     """Boundary points."""

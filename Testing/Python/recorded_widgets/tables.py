@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from . import enums
 from .base import Recorded
+from .things import QSize
 from .widgets import QWidget
 
 SELECTABLE, EDITABLE, ENABLED = 1, 2, 32
@@ -87,6 +88,9 @@ class QHeaderView(QWidget):
     def _construct(self, argument):
         if not isinstance(argument, enums.Named):
             super()._construct(argument)
+
+    def _get_sizeHint(self):
+        return QSize(100, 24)
 
     def hideSection(self, section):
         """Looks only."""

@@ -168,6 +168,12 @@ class QSize(Value):
     def isValid(self):
         return min(self._key_) >= 0
 
+    def width(self):
+        return self._key_[0]
+
+    def height(self):
+        return self._key_[1]
+
     def _key(self):
         return self._key_
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..mrml.parameters import Levels
 from .binding import Binding
+from .form import showRow
 
 
 class AdvancedSection:
@@ -45,8 +46,7 @@ class AdvancedSection:
             spin.enabled = not organ.netAutomatic
         ui.tauSlider.enabled = not organ.tauAutomatic
         ui.smoothnessSlider.enabled = not organ.smoothnessAutomatic
-        for spin in (ui.insideSpin, ui.outsideSpin):
-            spin.enabled = organ.levels is Levels.GIVEN
+        showRow(organ.levels is Levels.GIVEN, ui.givenLevelsLabel, ui.insideSpin, ui.outsideSpin)
 
     def _mapping(self):
         ui = self._ui

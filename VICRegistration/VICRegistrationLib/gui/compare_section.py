@@ -11,6 +11,8 @@ from ..mrml.comparison_table import tableAsCsv
 from ..mrml.organ_nodes import volumeOf
 from ..mrml.parameters import ReferenceKind
 from .binding import Binding
+from .form import showRow
+from .message_label import MessageLabel
 from .segment_choice import SegmentChoice
 
 
@@ -37,6 +39,7 @@ class CompareSection:
     def __init__(self, ui):
         self._ui = ui
         self._organ = self._volume = self._binding = None
+        self._message = MessageLabel(ui.compareStatusLabel)
         self._segment = SegmentChoice(ui.referenceSegmentSelector, "referenceSegmentation", "referenceSegmentId")
         for name, text, _remedy in _colorings():
             ui.colorByCombo.addItem(text, name)
@@ -81,6 +84,8 @@ class CompareSection:
         fitted = organ is not None and organ.surface is not None
         fromSegment = organ is not None and organ.referenceKind is ReferenceKind.SEGMENT
         ui.referenceKindCombo.enabled = organ is not None
+        showRow(fromSegment, ui.referenceSegmentLabel, ui.referenceSegmentSelector)
+        showRow(not fromSegment, ui.referenceModelLabel, ui.referenceModelSelector)
         ui.referenceSegmentSelector.enabled = fromSegment
         ui.referenceModelSelector.enabled = organ is not None and not fromSegment
         ui.patientEdit.enabled = self._patientVolume() is not None
@@ -149,4 +154,4 @@ class CompareSection:
         self._tell(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
 
     def _tell(self, text):
-        self._ui.compareStatusLabel.text = text
+        self._message.show(text)

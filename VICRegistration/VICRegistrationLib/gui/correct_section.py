@@ -11,6 +11,8 @@ from ..mrml.fitting import boundaryDeviations
 from ..mrml.organ_nodes import boundaryPointsOf
 from ..mrml.points import placedPoints, placingEvents, removeLastPoint
 from .binding import Binding
+from .form import fitHeight
+from .place_buttons import showPlaceButtons
 
 
 class CorrectSection(VTKObservationMixin):
@@ -36,6 +38,8 @@ class CorrectSection(VTKObservationMixin):
         table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
         table.horizontalHeader().setSectionResizeMode(0, qt.QHeaderView.Stretch)
         table.horizontalHeader().setSectionResizeMode(1, qt.QHeaderView.ResizeToContents)
+        fitHeight(table)
+        showPlaceButtons(ui.boundaryPlaceWidget)
         ui.boundaryPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
         ui.undoPointButton.connect("clicked()", self._removeLast)
         ui.refitButton.connect("clicked()", onRefit)
@@ -95,6 +99,7 @@ class CorrectSection(VTKObservationMixin):
             deviation = f"{deviations[row]:+.2f}" if row < len(deviations) else ""
             for column, text in enumerate(("{:.1f}, {:.1f}, {:.1f}".format(*position), deviation)):
                 ui.boundaryTable.setItem(row, column, qt.QTableWidgetItem(text))
+        fitHeight(ui.boundaryTable)
 
     def _deviations(self):
         try:

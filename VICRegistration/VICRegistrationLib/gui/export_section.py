@@ -10,6 +10,8 @@ from slicer.i18n import tr as _
 
 from ..mrml.exporting import MESHES, exportSurfaces, loadMesh, meshArguments
 from .command import Command
+from .form import showRow
+from .message_label import MessageLabel
 from .packages import ensurePackage
 
 _SELECTED, _ALL = range(2)
@@ -40,6 +42,7 @@ class ExportSection:
 
     def __init__(self, ui):
         self._ui, self._organs, self._current = ui, [], None
+        self._message = MessageLabel(ui.exportStatusLabel)
         self._command = self._work = self._path = None
         self._lines, self._cancelled = [], False
         for suffix, text in _formats():
@@ -87,8 +90,11 @@ class ExportSection:
         return self._ui.exportFormatCombo.itemData(self._ui.exportFormatCombo.currentIndex)
 
     def _formatChosen(self, _index=None):
-        ui, meshing = self._ui, self._suffix() in MESHES
-        ui.exportFacesSpin.enabled = self._suffix() == ".step"
+        ui, meshing, exact = self._ui, self._suffix() in MESHES, self._suffix() == ".step"
+        showRow(exact, ui.exportFacesLabel, ui.exportFacesSpin)
+        showRow(meshing, ui.meshSizeLabel, ui.meshSizeSlider, ui.meshOrderLabel, ui.meshOrderCombo)
+        showRow(meshing, ui.meshWallLabel, ui.meshWallSlider, ui.cancelExportButton)
+        ui.exportFacesSpin.enabled = exact
         for widget in (ui.meshSizeSlider, ui.meshOrderCombo, ui.meshWallSlider):
             widget.enabled = meshing
         ui.exportButton.enabled = bool(self._chosen()) and not self.running
@@ -165,4 +171,4 @@ class ExportSection:
         shutil.rmtree(self._work, ignore_errors=True)
 
     def _tell(self, text):
-        self._ui.exportStatusLabel.text = text
+        self._message.show(text)

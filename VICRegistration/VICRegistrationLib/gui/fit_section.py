@@ -6,9 +6,13 @@ import slicer
 from slicer.i18n import tr as _
 
 from ..mrml.fitting import fitSteps, refitSteps
-from ..mrml.surfaces import isAlone, moveSurface
+from ..mrml.organ_nodes import setRegionVisible
+from ..mrml.surfaces import moveSurface
+from .message_label import MessageLabel
 from .runner import End, StepRunner
 
+# Attribute of a volume whose first surface the 3D views have been focused on.
+_FOCUSED = "VIC.focused"
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
 # Stages of a fit with a given net, and of one that goes on to the finest net.
 _STAGES, _STAGES_OF_ALL_NETS = 4, 10
@@ -30,7 +34,8 @@ class FitSection:
 
     def __init__(self, ui, onFit, onFitAll, onChanged):
         self._ui, self._onChanged = ui, onChanged
-        self._queue, self._runner, self._organ = [], None, None
+        self._queue, self._runner, self._organ, self._volume = [], None, None, None
+        self._message = MessageLabel(ui.fitStatusLabel)
         self._isNew = False
         self._progress = self._plotView = self._shown = None
         ui.fitButton.connect("clicked()", onFit)
@@ -53,7 +58,7 @@ class FitSection:
         organ : OrganParameters or None
         """
         if not self.running:
-            self._ui.fitStatusLabel.text = organ.message if organ is not None else ""
+            self._message.show(organ.message if organ is not None else "")
         self._plot(organ)
 
     def refresh(self, *, ready):
@@ -77,7 +82,7 @@ class FitSection:
         organs : list of OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._start([(organ, fitSteps(organ, volumeNode), False) for organ in organs])
+        self._start(volumeNode, [(organ, fitSteps(organ, volumeNode), False) for organ in organs])
 
     def refit(self, organ, volumeNode):
         """Fit an organ again from its surface, through its boundary points.
@@ -87,7 +92,7 @@ class FitSection:
         organ : OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._start([(organ, refitSteps(organ, volumeNode), True)])
+        self._start(volumeNode, [(organ, refitSteps(organ, volumeNode), True)])
 
     def cancel(self):
         """End before the next step; the surface becomes what it was, and organs in the queue are not fitted."""
@@ -102,10 +107,10 @@ class FitSection:
             self._runner.stop()
         self._plot(None)
 
-    def _start(self, queue):
+    def _start(self, volumeNode, queue):
         if self.running:
             return
-        self._queue = queue
+        self._volume, self._queue = volumeNode, queue
         self._next()
 
     def _next(self):
@@ -113,7 +118,9 @@ class FitSection:
         stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
         self._progress, self._isNew = _Progress(stages), self._organ.surface is None
         self._showProgress(0)
-        self._ui.fitStatusLabel.text = _("{organ}: separating").format(organ=self._organ.label)
+        self._message.show(_("{organ}: separating").format(organ=self._organ.label))
+        # The fill would lie over the surface.
+        setRegionVisible(self._organ, False)
         self._runner = StepRunner(steps, self._stepped, self._ended)
         self._onChanged()
 
@@ -125,21 +132,24 @@ class FitSection:
         moveSurface(organ.surface, step.surface)
         if self._isNew:
             self._isNew = False
-            _bringIntoView(organ.surface)
+            _focusOnce(self._volume)
         self._showProgress(self._progress.after(step))
-        self._ui.fitStatusLabel.text = _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
-            organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
+        self._message.show(
+            _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
+                organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
+            )
         )
 
     def _ended(self, end, value):
         organ, self._organ, self._runner = self._organ, None, None
         self._showProgress(100 if end is End.DONE else 0)
         there = organ.parameterNode.GetScene() is not None
-        self._ui.fitStatusLabel.text = {
+        text = {
             End.DONE: lambda: f"{organ.label}: {organ.message}",
             End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
             End.FAILED: lambda: f"{organ.label}: {value}" if there else str(value),
         }[end]()
+        self._message.show(text)
         self._plot(organ if there else None)
         if self._queue:
             self._next()
@@ -191,11 +201,18 @@ def _plotViewNode():
     return node
 
 
-def _bringIntoView(modelNode):
-    """Turn the 3D views to a first surface: they may look at another place of the world."""
+def _focusOnce(volumeNode):
+    """Focus the 3D views on the first surface of a volume: they may show another place of the world."""
+    if volumeNode.GetAttribute(_FOCUSED):
+        return
+    volumeNode.SetAttribute(_FOCUSED, "1")
     layoutManager = slicer.app.layoutManager()
-    if layoutManager is not None and isAlone(modelNode):
-        layoutManager.resetThreeDViews()
+    if layoutManager is None:
+        return
+    for index in range(layoutManager.threeDViewCount):
+        view = layoutManager.threeDWidget(index).threeDView()
+        view.resetFocalPoint()
+        view.resetCamera()
 
 
 def _plotViewIn(frame):

@@ -9,6 +9,7 @@ from slicer.i18n import tr as _
 
 from ..mrml.organ_nodes import isVisible, paint, setVisible
 from ..mrml.organs import PRESETS
+from .form import fitHeight
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
 _ICONS = {True: ":/Icons/Small/SlicerVisible.png", False: ":/Icons/Small/SlicerInvisible.png"}
@@ -62,6 +63,7 @@ class OrgansTable:
                 self._select(listed.index(current))
         finally:
             self._table.blockSignals(blocked)
+        fitHeight(self._table)
         self._remove.enabled = current is not None
 
     def _setUpTable(self):
@@ -76,6 +78,7 @@ class OrgansTable:
         for column in (_EYE, _COLOR, _VOLUME, _STATE):
             header.setSectionResizeMode(column, qt.QHeaderView.ResizeToContents)
         header.setSectionResizeMode(_NAME, qt.QHeaderView.Stretch)
+        fitHeight(table)
 
     def _fill(self, row, organ):
         node = organ.parameterNode

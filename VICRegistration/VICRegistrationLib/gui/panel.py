@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import qt
 import slicer
 import vtk
 from slicer.util import VTKObservationMixin
@@ -9,6 +10,7 @@ from slicer.util import VTKObservationMixin
 from ..mrml.fitting import canBeSeparated, updateVolume
 from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
+from ..mrml.parameters import OrganState
 from ..mrml.volumes import showInSlices
 from .advanced_section import AdvancedSection
 from .binding import Binding
@@ -18,6 +20,8 @@ from .export_section import ExportSection
 from .fit_section import FitSection
 from .organs_table import OrgansTable
 from .separate_section import SeparateSection
+
+_FIT_AT_ONCE = "VICRegistration/FitAtOnce"
 
 
 class Panel(VTKObservationMixin):
@@ -35,14 +39,19 @@ class Panel(VTKObservationMixin):
         self.ui, self.logic = ui, logic
         self.parameters = self.organs = None
         self._volumeBinding = self._volume = self._organ = None
+        # Parameter node of a new organ that is fitted as soon as it has a region.
+        self._toFit = None
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
-        self.separateSection = SeparateSection(ui, self.refresh)
+        self.separateSection = SeparateSection(ui, self._separated)
         self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
         self.compareSection = CompareSection(ui)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
+        # Slicer's settings file holds text.
+        ui.fitAtOnceCheck.checked = qt.QSettings().value(_FIT_AT_ONCE) == "true"
+        ui.fitAtOnceCheck.connect("toggled(bool)", self._fitAtOnceChosen)
 
     @property
     def isOpen(self):
@@ -93,7 +102,8 @@ class Panel(VTKObservationMixin):
         """Add an organ; the next click into a slice is its seed."""
         if self.organs is None:
             return
-        self.organs.add(name)
+        organ = self.organs.add(name)
+        self._toFit = organ.parameterNode if self.ui.fitAtOnceCheck.checked else None
         if self._volume is not None:
             self.separateSection.placeSeed()
 
@@ -123,7 +133,6 @@ class Panel(VTKObservationMixin):
     def refit(self):
         """Fit the current organ again, through its boundary points."""
         self.correctSection.stopPlacing()
-        self.separateSection.showRegion(False)
         # The surface lies in the volume that it was fitted in, whatever is chosen now.
         self.fitSection.refit(self._organ, volumeOf(self._organ) or self._volume)
 
@@ -143,8 +152,19 @@ class Panel(VTKObservationMixin):
 
     def _fit(self, organs):
         self.separateSection.stopPlacing()
-        self.separateSection.showRegion(False)
         self.fitSection.fit(organs, self._volume)
+
+    def _separated(self):
+        """Show the region that was found, and fit a new organ to it if that is wanted."""
+        self.refresh()
+        organ = self._organ
+        if organ is None or organ.parameterNode is not self._toFit or organ.state is not OrganState.SEPARATED:
+            return
+        self._toFit = None
+        self.fitOrgan()
+
+    def _fitAtOnceChosen(self, chosen):
+        qt.QSettings().setValue(_FIT_AT_ONCE, "true" if chosen else "false")
 
     def _showOrgan(self):
         """Let every section follow the current organ."""

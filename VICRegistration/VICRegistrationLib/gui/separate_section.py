@@ -13,10 +13,13 @@ from slicer.parameterNodeWrapper import FloatRange
 from slicer.util import VTKObservationMixin
 
 from ..mrml.fitting import canBeSeparated, separateOrgan
-from ..mrml.organ_nodes import hasSegment, seedsOf
+from ..mrml.organ_nodes import hasSegment, seedsOf, setRegionVisible
 from ..mrml.parameters import RegionSource
 from ..mrml.points import markedPoints, placingEvents
 from .binding import Binding
+from .form import showRow
+from .message_label import MessageLabel
+from .place_buttons import showPlaceButtons
 from .segment_choice import SegmentChoice
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
@@ -41,6 +44,8 @@ class SeparateSection(VTKObservationMixin):
         self._timer.setSingleShot(True)
         self._timer.setInterval(_DELAY_MS)
         self._timer.connect("timeout()", self.separate)
+        self._message = MessageLabel(ui.regionStatusLabel)
+        showPlaceButtons(ui.seedPlaceWidget)
         ui.seedPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceSingleMarkup
         ui.thresholdRange.connect("valuesChanged(double,double)", self._thresholdMoved)
         ui.suggestButton.connect("clicked()", self._suggest)
@@ -63,7 +68,7 @@ class SeparateSection(VTKObservationMixin):
         self.release()
         if organ is None or volumeNode is None:
             self._ui.seedPlaceWidget.setCurrentNode(None)
-            self._ui.regionStatusLabel.text = ""
+            self._message.show("")
             self.refresh()
             return
         self._organ, self._volume = organ, volumeNode
@@ -74,7 +79,7 @@ class SeparateSection(VTKObservationMixin):
             self.addObserver(seeds, event, self._seedsChanged)
         self.addObserver(volumeNode, slicer.vtkMRMLVolumeNode.ImageDataModifiedEvent, self._voxelsChanged)
         self._ui.seedPlaceWidget.setCurrentNode(seeds)
-        self._ui.regionStatusLabel.text = "" if canBeSeparated(organ) else _("Click inside the organ to place a seed.")
+        self._message.show("" if canBeSeparated(organ) else _("Click inside the organ to place a seed."))
         self.refresh()
 
     def release(self):
@@ -110,6 +115,7 @@ class SeparateSection(VTKObservationMixin):
         ui.erosionSlider.enabled = fromSeeds and not organ.erosionAutomatic
         ui.dilationSlider.enabled = fromSeeds and not organ.dilationAutomatic
         ui.segmentSelector.enabled = not fromSeeds
+        self._showRows(fromSeeds)
         self._showThreshold()
         self._segment.show(organ)
         self._showVisibility()
@@ -117,6 +123,14 @@ class SeparateSection(VTKObservationMixin):
         if settings != self._settings:
             self._settings = settings
             self.schedule()
+
+    def _showRows(self, fromSeeds):
+        """Show the rows that have an effect."""
+        ui = self._ui
+        showRow(not fromSeeds, ui.segmentLabel, ui.segmentSelector)
+        showRow(fromSeeds, ui.seedLabel, ui.seedPlaceWidget, ui.thresholdLabel, ui.suggestButton, ui.thresholdRange)
+        showRow(fromSeeds, ui.erosionLabel, ui.erosionSlider, ui.erosionAutomaticCheck)
+        showRow(fromSeeds, ui.dilationLabel, ui.dilationSlider, ui.dilationAutomaticCheck)
 
     def schedule(self):
         """Separate soon, once for all changes that come together, and show the region."""
@@ -130,18 +144,18 @@ class SeparateSection(VTKObservationMixin):
         organ, volumeNode = self._organ, self._volume
         if organ is None or organ.parameterNode.GetScene() is None or volumeNode.GetScene() is None:
             return
-        label = self._ui.regionStatusLabel
         try:
             region, warnings = separateOrgan(organ, volumeNode)
         except ValueError as error:
-            label.text = str(error)
+            self._message.show(str(error))
         except Exception:
             logging.exception("The separation failed")
-            label.text = _(
-                "The separation failed for a reason that was not foreseen; the log tells it (Help > Report a Bug)."
+            self._message.show(
+                _("The separation failed for a reason that was not foreseen; the log tells it (Help > Report a Bug).")
             )
         else:
-            label.text = "\n".join([_("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}"), *warnings])
+            volume = _("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}")
+            self._message.show("\n".join([volume, *warnings]))
         self._onSeparated()
 
     def showRegion(self, visible):
@@ -226,9 +240,8 @@ class SeparateSection(VTKObservationMixin):
         check.blockSignals(blocked)
 
     def _showRegion(self, visible):
-        display = self._regionDisplay()
-        if display is not None:
-            display.SetSegmentVisibility(self._organ.regionSegmentId, visible)
+        if self._organ is not None:
+            setRegionVisible(self._organ, visible)
 
     def _regionDisplay(self):
         """How the region is shown; None where there is none, as after the deletion of its segment."""

@@ -7,7 +7,7 @@ from slicer.i18n import tr as _
 
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
-from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf
+from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf, setRegionVisible
 from .parameters import OrganState, RegionSource
 from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
@@ -278,6 +278,7 @@ class _Bookkeeping:
         table, _chart = convergenceOf(organ, self.volumeNode)
         showConvergence(table, fit.history)
         boundaryDeviations(organ, self.volumeNode)
+        setRegionVisible(organ, False)
         with slicer.util.NodeModify(organ.parameterNode):
             organ.state = OrganState.FITTED if fit.converged else OrganState.UNSETTLED
             organ.volumeMl = float(worldVolumeMl(model, fit.surface))

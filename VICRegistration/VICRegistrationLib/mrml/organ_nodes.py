@@ -65,10 +65,20 @@ def setVisible(organ, visible):
         if node is not None and node.GetDisplayNode() is not None:
             node.GetDisplayNode().SetVisibility(visible)
     updateLegends()
+    # Beside a surface the region is in the way; it is shown where it is asked for.
+    setRegionVisible(organ, visible and organ.surface is None)
+
+
+def setRegionVisible(organ, visible):
+    """Show or hide the region of an organ in the slices.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    visible : bool
+    """
     if hasSegment(organ) and organ.regions.GetDisplayNode() is not None:
-        # Beside a surface the region is in the way; it is shown where it is asked for.
-        shown = visible and organ.surface is None
-        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, shown)
+        organ.regions.GetDisplayNode().SetSegmentVisibility(organ.regionSegmentId, visible)
 
 
 def volumeOf(organ):
@@ -252,8 +262,10 @@ def removeNodes(nodes):
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folders = {hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) for node in nodes}
     for node in nodes:
-        for one in [node, *_attached(node)]:
-            slicer.mrmlScene.RemoveNode(one)
+        # Before their owner: Slicer looks for the owner's scene when a display node goes.
+        for one in [*_attached(node), node]:
+            if one.GetScene() is not None:
+                slicer.mrmlScene.RemoveNode(one)
     for folder in folders:
         if _isFolder(hierarchy, folder) and not hierarchy.GetNumberOfItemChildren(folder):
             hierarchy.RemoveItem(folder)

@@ -195,22 +195,6 @@ def _matrixTo(data, surface):
     return np.eye(4) if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM else None
 
 
-def isAlone(modelNode):
-    """Whether a model is the only one that is seen in 3D, but for the slices.
-
-    Parameters
-    ----------
-    modelNode : vtkMRMLModelNode
-
-    Returns
-    -------
-    bool
-    """
-    others = [node for node in slicer.util.getNodesByClass("vtkMRMLModelNode") if node is not modelNode]
-    shown = [node for node in others if node.GetDisplayNode() is not None and node.GetDisplayNode().GetVisibility()]
-    return not [node for node in shown if not slicer.vtkMRMLSliceLogic.IsSliceModelNode(node)]
-
-
 def worldVolumeMl(modelNode, surface):
     """Volume that a surface encloses where its model lies in the world.
 
