@@ -153,19 +153,19 @@ def test_options_reach_the_fit(image_path, tmp_path):
     assert organ["options"]["closure"] == "paper"
     assert (organ["options"]["tau"], organ["options"]["smoothness"]) == (3.0, 0.0)
     assert [choice["value"] for choice in organ["choices"]] == ["11x8", "3.00 mm", "0"]
-    assert {choice["reason"] for choice in organ["choices"]} == {"as asked for"}
+    assert {reason["code"] for choice in organ["choices"] for reason in choice["reasons"]} == {"option_given"}
     assert len(organ["seed"]) == 2
     assert read_surface_record(tmp_path / "b.json").surface.control_net.shape[:2] == (11, 8)
 
 
 def test_what_was_chosen_is_in_the_report_with_its_reason(report):
     organ = report["organs"]["bladder"]
-    chosen = {choice["option"]: (choice["value"], choice["reason"]) for choice in organ["choices"]}
+    chosen = {choice["option"]: (choice["value"], choice["reasons"]) for choice in organ["choices"]}
     assert list(chosen) == ["net", "tau", "smoothness"]
     assert (chosen["net"][0], chosen["tau"][0]) == (organ["net"], f"{organ['options']['tau']:.2f} mm")
     assert chosen["smoothness"][0] == f"{organ['options']['smoothness']:.2g}"
-    assert "noise explains" in chosen["net"][1]
-    assert "pixels" in chosen["tau"][1]
+    assert "noise explains" in chosen["net"][1][0]["sentence"]
+    assert chosen["tau"][1][0]["values"]["pixels"] == pytest.approx(organ["options"]["tau"] / 1.2, abs=1.0)
 
 
 def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
@@ -182,7 +182,7 @@ def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
     assert organ["net"] == record.net != "9x7"
     net = next(choice for choice in organ["choices"] if choice["option"] == "net")
     assert net["value"] == record.net
-    assert "for boundary points" in net["reason"]
+    assert net["reasons"][-1]["code"] == "made_finer"
     with (tmp_path / "b_convergence.csv").open(newline="") as file:
         assert [row["stage"] for row in csv.DictReader(file)][-1] == "boundary points"
 

@@ -101,7 +101,9 @@ def plain(image, fit):
 @pytest.fixture(scope="module")
 def full(image, fit):
     """With confidence, choices, warnings and a reference."""
-    choice = Choice("net", "17x11", "the cost fell by 26 %, of which noise explains 0.9 %")
+    choice = Choice(
+        "net", "17x11", (Diagnostic("finer_net_lowered_cost", {"net": "17x11", "change": 0.26, "explained": 9e-3}),)
+    )
     told = {"choices": (choice,), "confidence": Confidence(), "problems": fit.problems, "iterations": fit.iterations}
     fields = {field.name: getattr(fit, field.name) for field in dataclasses.fields(fit)}
     extended = SimpleNamespace(**{**fields, **told})
@@ -205,7 +207,7 @@ def test_confidence_choices_and_deviation_are_told(parsed, full):
         assert parsed.words.count(words) == count
     assert f"{full.fit.surface.volume() / 1000.0:.1f} ± 0.4 ml" in parsed.words
     assert "on 12 % of the area" in parsed.words
-    assert "the cost fell by 26 %, of which noise explains 0.9 %" in parsed.words
+    assert "With the net 17x11 the cost fell by 26.0%, of which noise explains 0.9%." in parsed.words
     found = full.compared.comparison
     assert f"{found.to_surface.mean:.2f}" in parsed.words
     assert f"{found.to_reference.mean_signed:+.2f}" in parsed.words

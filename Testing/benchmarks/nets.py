@@ -8,6 +8,7 @@ from accuracy import demo_cases, of_surface, real_case
 from bladders import bladders
 from measuring import table
 
+from VICRegistrationLib.messages import sentences
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 from VICRegistrationLib.segmentation.separation import separate
 
@@ -31,7 +32,7 @@ def report(*, quick: bool) -> str:
             sizes = (f"{fit.cost_final:.4f}", f"{off.both.mean:.3f}", f"{off.both.p95:.2f}", f"{off.angle:.1f}")
             rows.append([case.name, "{}x{}".format(*net), *sizes, f"{seconds / first:.1f}"])
         chosen = next(c for c in finish(fit_region(case.image, region)).choices if c.option == "net")
-        reasons.append(f"  - {case.name}: {chosen.value}, {chosen.reason}")
+        reasons.append(f"  - {case.name}: {chosen.value}. {sentences(chosen.reasons)}")
     return (
         "  Nets given; the rest is chosen. Measures as in accuracy, whose nets are chosen.\n\n"
         f"{table(rows)}\n\n  Chosen where none is given:\n" + "\n".join(reasons)

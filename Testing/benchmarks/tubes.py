@@ -72,7 +72,7 @@ def report(*, quick: bool) -> str:
             with mock.patch.object(organ, "start_model", organ.start_model if start == "chosen" else _ellipsoid):
                 fit = finish(fit_region(tube.image, region))
             errors = tube.errors(fit.surface)
-            held = [choice.value for choice in fit.choices if choice.option == "hold on the region"]
+            held = [choice.value for choice in fit.choices if choice.option == "hold"]
             problems = ", ".join(problem.kind for problem in fit.problems) or "none"
             sizes = [f"{errors.mean():.2f}", f"{errors.max():.1f}"]
             rows.append([f"{degrees}°", start, *sizes, problems, "{}x{}".format(*fit.options.net), *(held or ["-"])])

@@ -6,7 +6,7 @@ written once. Knows nothing of the rest of the library.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 
@@ -47,6 +47,34 @@ SENTENCES = {
         "The surface passes through itself at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}), where it "
         "meets the part about u {other_u:.3g}, v {other_v:.3g}."
     ),
+    # Why a surface was not taken as it was fitted first.
+    "no_valid_solid": _("The surface was no valid solid ({kind})."),
+    "left_surroundings": _("The surface left the surroundings of the region."),
+    "far_from_region": _("The surface went {away_mm:.1f} mm away from the region, more than half the organ's radius."),
+    "held_tighter": _("So it was fitted again, with the net {net}, and held {factor:g} times tighter to the region."),
+    "surface_kept": _("However tightly it was held to the region; so the {kept} was kept, with the net {net}."),
+    # Why an option is what it is.
+    "option_given": _("It was given."),
+    "edge_width": _("The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels."),
+    "edge_width_limited": _(
+        "The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels; at least {least:g} and at most {most:g} "
+        "are taken."
+    ),
+    "no_edge_width": _("The image shows no clear edge, so {pixels:g} pixels are taken."),
+    "smoothness_to_start": _("It is small, as to start with."),
+    "noise_along_edge": _(
+        "The image differs from an even edge by {share:.0%} of the contrast, noise and uneven tissue alike, in "
+        "{voxels:,} voxels along it."
+    ),
+    "finer_net_lowered_cost": _(
+        "With the net {net} the cost fell by {change:.1%}, of which noise explains {explained:.1%}."
+    ),
+    "finer_net_raised_cost": _("With the net {net} the cost rose by {change:.1%}; noise explains {explained:.1%}."),
+    "finer_net_not_tried": _(
+        "The net {net} promised to lower the cost by {promised:.1%}, of which noise explains {explained:.1%}; it was "
+        "not tried."
+    ),
+    "made_finer": _("It was made finer, from {net}, for the boundary points."),
     # A fit.
     "invalid_surface": _("{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion."),
     "no_further_step": _(
@@ -79,8 +107,12 @@ SENTENCES = {
         "if the region is right, or give another threshold or erosion if it is not."
     ),
 }
-# Words that values may be; a place on the patient is one of them.
-WORDS = (_("left"), _("right"), _("posterior"), _("anterior"), _("inferior"), _("superior"))
+# Words that values may be.
+WORDS = (
+    *(_("left"), _("right"), _("posterior"), _("anterior"), _("inferior"), _("superior")),
+    *(_("open"), _("folded pole"), _("flipped normal"), _("self-intersection")),
+    *(_("surface of the region"), _("surface of the coarser net"), _("scaled model")),
+)
 
 
 @dataclass(frozen=True)
@@ -123,6 +155,22 @@ class Diagnostic:
             name: value.record() if isinstance(value, Diagnostic) else value for name, value in self.values.items()
         }
         return {"code": self.code, "values": values, "sentence": self.sentence()}
+
+
+def sentences(diagnostics: Iterable[Diagnostic], translate: Callable[[str], str] = _) -> str:
+    """Put diagnostics into sentences, one after the other.
+
+    Parameters
+    ----------
+    diagnostics : iterable of Diagnostic
+    translate : callable
+        As in :meth:`Diagnostic.sentence`.
+
+    Returns
+    -------
+    str
+    """
+    return " ".join(diagnostic.sentence(translate) for diagnostic in diagnostics)
 
 
 def _shown(value: object, translate: Callable[[str], str]) -> object:

@@ -18,6 +18,7 @@ from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..registration.boundary import boundary_deviations
+from ..registration.choosing import Choice
 from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text
 from ..registration.options import FitOptions
@@ -213,11 +214,17 @@ def _entry(organ: FittedOrgan, image: Image) -> dict:
         **_boundary_entry(organ),
         "erosion": None if region is None or region.erosion is None else float(region.erosion),
         "options": {key: value for key, value in options.items() if key != "erosion"},
-        "choices": [dataclasses.asdict(choice) for choice in fit.choices],
+        "choices": [_choice_entry(choice) for choice in fit.choices],
         "touches_border": [] if region is None else border_sides(image, region),
         "valid": not fit.problems,
         "warnings": [diagnostic.record() for diagnostic in fit_diagnostics(image, fit)],
     }
+
+
+def _choice_entry(choice: Choice) -> dict:
+    """Put a choice as JSON keeps it."""
+    reasons = [reason.record() for reason in choice.reasons]
+    return {"option": choice.option, "value": choice.value, "reasons": reasons}
 
 
 def _boundary_entry(organ: FittedOrgan) -> dict:

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
-from .choosing import GIVEN, Choice, anchor_for, chosen_by, to_start_with
+from ..messages import Diagnostic
+from .choosing import Choice, anchor_for, chosen_by, to_start_with
 from .finer_nets import fit_finer
 from .nets import net_of, net_text
 from .options import FitOptions
@@ -73,15 +74,15 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     held = []
     lost = plan.astray(found.surface)
     if lost:
-        spare = ("the scaled model", scaled)
+        spare = ("scaled model", scaled)
         found, how = yield from hold(plan, near, spare, (closed, grid), chosen, anchor, lost)
         held.append(how)
     found, why, later = yield from fit_finer(plan, found, chosen, anchor, options.net)
     net = net_of(found.surface, options.closure)
     choices = (
-        Choice("net", net_text(net), why or GIVEN),
+        Choice("net", net_text(net), why or (Diagnostic("option_given"),)),
         *choices,
-        *(Choice("hold on the region", f"{part.how}, with {net_text(part.net)}", part.why) for part in (*held, *later)),
+        *(Choice("hold", part.how, part.reasons) for part in (*held, *later)),
     )
     halvings = 0
     while net_of(model, options.closure) != net:

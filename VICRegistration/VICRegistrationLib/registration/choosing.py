@@ -15,6 +15,7 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
+from ..messages import Diagnostic
 from .edge_width import PROFILE_PIXELS, edge_width
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .plan import crop_around, voxels_along
@@ -33,7 +34,6 @@ _STIFFNESS_TO_START = 1e-5
 _HOLD = 600.0
 # No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
 _CLEAREST = 1.0 / 60.0
-GIVEN = "as asked for"
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Choice:
     Parameters
     ----------
     option, value : str
-    reason : str
-        In plain words.
+    reasons : tuple of Diagnostic
+        Why it is that.
     """
 
     option: str
     value: str
-    reason: str
+    reasons: tuple[Diagnostic, ...]
 
 
 def to_start_with(options: FitOptions, pixel: float) -> FitOptions:
@@ -77,7 +77,8 @@ def chosen_beside(image: Image, surface: BSplineSurface, options: FitOptions) ->
     pixel = float(min(image.spacing))
     sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), PROFILE_PIXELS[-1] * pixel))
     tau, why = _tau(sampler, surface, image.ijk_to_ras[:3, :3], options)
-    return _with_choices(options, tau, why, to_start_with(options, pixel).smoothness, "small, as to start with")
+    small = Diagnostic("smoothness_to_start")
+    return _with_choices(options, tau, why, to_start_with(options, pixel).smoothness, small)
 
 
 def chosen_by(
@@ -102,12 +103,8 @@ def chosen_by(
     choices : tuple of Choice
     """
     tau, why = _tau(sampler, caught.surface, voxel, options)
-    share = np.sqrt(caught.cost)
     voxels = voxels_along(caught.surface, tau, voxel)
-    noise = (
-        f"the image differs from an even edge by {share:.0%} of the contrast, noise and uneven tissue alike, "
-        f"in {_rounded(voxels)} voxels along it"
-    )
+    noise = Diagnostic("noise_along_edge", {"share": float(np.sqrt(caught.cost)), "voxels": _rounded(voxels)})
     return _with_choices(options, tau, why, _STIFFNESS * caught.cost / np.sqrt(voxels), noise)
 
 
@@ -116,29 +113,34 @@ def anchor_for(caught: Step) -> float:
     return _HOLD * caught.cost * max(caught.cost, _CLEAREST)
 
 
-def _rounded(count: float) -> str:
-    """Two digits of a number, with separators between thousands."""
-    return f"{int(float(f'{count:.2g}')):,}"
+def _rounded(count: float) -> int:
+    """Two digits of a number."""
+    return int(float(f"{count:.2g}"))
 
 
 def _with_choices(
-    options: FitOptions, tau: float, why_tau: str, smoothness: float, why_smoothness: str
+    options: FitOptions, tau: float, why_tau: Diagnostic, smoothness: float, why_smoothness: Diagnostic
 ) -> tuple[FitOptions, tuple[Choice, ...]]:
     """Fill in the smoothness if it is not given, and tau, and tell why."""
     if options.smoothness is not None:
-        smoothness, why_smoothness = options.smoothness, GIVEN
-    choices = (Choice("tau", f"{tau:.2f} mm", why_tau), Choice("smoothness", f"{smoothness:.2g}", why_smoothness))
+        smoothness, why_smoothness = options.smoothness, Diagnostic("option_given")
+    choices = (
+        Choice("tau", f"{tau:.2f} mm", (why_tau,)),
+        Choice("smoothness", f"{smoothness:.2g}", (why_smoothness,)),
+    )
     return replace(options, tau=tau, smoothness=smoothness), choices
 
 
-def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: FitOptions) -> tuple[float, str]:
+def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: FitOptions) -> tuple[float, Diagnostic]:
     """Width of the profile's ramp, and why it is that."""
     if options.tau is not None:
-        return options.tau, GIVEN
+        return options.tau, Diagnostic("option_given")
     pixel = float(np.linalg.norm(voxel, axis=0).min())
     width = edge_width(sampler, surface, voxel)
     if width is None:
-        return TAU_PIXELS * pixel, f"{TAU_PIXELS:g} pixels, as the image shows no clear edge"
+        return TAU_PIXELS * pixel, Diagnostic("no_edge_width", {"pixels": TAU_PIXELS})
     tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
-    held = "" if tau == width else f", held within {LEAST_TAU_PIXELS:g} to {MOST_TAU_PIXELS:g}"
-    return tau, f"the edge in the image is {width:.2f} mm wide, {width / pixel:.1f} pixels{held}"
+    found = {"width_mm": float(width), "pixels": float(width) / pixel}
+    if tau == width:
+        return tau, Diagnostic("edge_width", found)
+    return tau, Diagnostic("edge_width_limited", {**found, "least": LEAST_TAU_PIXELS, "most": MOST_TAU_PIXELS})

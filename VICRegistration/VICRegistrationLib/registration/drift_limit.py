@@ -12,6 +12,7 @@ from ..imaging.boxes import ball_radius
 from ..imaging.image import patient_side
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
+from ..messages import Diagnostic
 
 # Share of the radius of a ball of the region's volume.
 _LEASH = 0.5
@@ -20,7 +21,7 @@ _SAMPLES = (32, 20)
 _DENSE_SAMPLES = (64, 48)
 
 
-def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> str:
+def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> Diagnostic | None:
     """Tell whether a surface has folded or has gone too far from the separated region.
 
     Parameters
@@ -33,19 +34,19 @@ def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> str:
 
     Returns
     -------
-    str
-        What is wrong with it, in words that go on a sentence; empty if nothing is.
+    Diagnostic or None
+        What is wrong with it, if anything is.
     """
     problems = check_surface(surface)
     if problems:
-        return f"its surface was no valid one ({problems[0].kind})"
+        return Diagnostic("no_valid_solid", {"kind": problems[0].kind})
     values, seen = distance.values(surface.points(*surface.midpoints(*_SAMPLES)))
     if not seen.all():
-        return "its surface left the surroundings of the region"
+        return Diagnostic("left_surroundings")
     away = float(np.abs(values).max())
     if away > _LEASH * ball_radius(volume):
-        return f"its surface went {away:.1f} mm away from the region, more than half the organ's radius"
-    return ""
+        return Diagnostic("far_from_region", {"away_mm": away})
+    return None
 
 
 def left_out(surface: BSplineSurface, region: Region) -> tuple[float, str]:

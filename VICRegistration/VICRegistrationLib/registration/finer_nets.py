@@ -13,6 +13,7 @@ import numpy as np
 
 from ..geometry import models
 from ..geometry.parametrization import Parametrization
+from ..messages import Diagnostic
 from .nets import grid_shape, net_of, net_text
 from .options import FitOptions
 from .plan import Plan, machinery, voxels_along
@@ -30,7 +31,7 @@ _MOST_HALVINGS = 2
 
 def fit_finer(
     plan: Plan, found: Step, options: FitOptions, anchor: float, wanted: tuple[int, int] | None
-) -> Generator[Step, None, tuple[Step, str, list[Held]]]:
+) -> Generator[Step, None, tuple[Step, tuple[Diagnostic, ...], list[Held]]]:
     """Fit again with finer nets, each with its spans halved, as long as they are worth it or up to one asked for.
 
     Parameters
@@ -53,12 +54,12 @@ def fit_finer(
     -------
     step : Step
         That of the net asked for, or of the finest one that is worth it; `found` if none is.
-    why : str
-        What each net brought, in plain words.
+    why : tuple of Diagnostic
+        What each net brought; none if one was asked for.
     held : list of Held
         For each net with which the surface went astray at first.
     """
-    why: list[str] = []
+    why: list[Diagnostic] = []
     held: list[Held] = []
     _, fine = plan.grey_level_stages(options, anchor=anchor)
     halvings = 0
@@ -74,7 +75,8 @@ def fit_finer(
         if wanted is None and halvings > 1:
             promised = promise(fine, closed.at(finer), grid)
             if promised <= _PROMISING * explained:
-                why.append(f"{net} promised {promised:.1%}, of which noise explains {explained:.1%}")
+                shares = {"promised": float(promised), "explained": float(explained)}
+                why.append(Diagnostic("finer_net_not_tried", {"net": net, **shares}))
                 break
         step, how = yield from _fit_halved(plan, replace(found, surface=finer), (closed, grid), options, anchor)
         held += how
@@ -82,14 +84,15 @@ def fit_finer(
             between = SampleGrid.on(finer, grid_shape(size), between=True)
             judge = fine.correlation(closed.at(step.surface), between)
             gained = 1.0 - cost_of(step.surface, judge) / cost_of(finer, judge)
-            change = "fell" if gained >= 0.0 else "rose"
-            why.append(f"with {net} the cost {change} by {abs(gained):.1%}, of which noise explains {explained:.1%}")
+            code = "finer_net_lowered_cost" if gained >= 0.0 else "finer_net_raised_cost"
+            shares = {"change": abs(float(gained)), "explained": float(explained)}
+            why.append(Diagnostic(code, {"net": net, **shares}))
             if gained <= explained:
                 found = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
                 yield found
                 break
         found = step
-    return found, ", ".join(why), held
+    return found, tuple(why), held
 
 
 def _fit_halved(
@@ -105,7 +108,7 @@ def _fit_halved(
     lost = plan.astray(steps[-1].surface)
     if not lost:
         return steps[-1], []
-    spare = ("the coarser net's surface", found)
+    spare = ("surface of the coarser net", found)
     step, held = yield from hold(plan, steps[1], spare, machinery, options, anchor, lost)
     return step, [held]
 

@@ -21,6 +21,7 @@ from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
 from ..imaging.moments import Moments, moments
 from ..imaging.region import Region
+from ..messages import Diagnostic
 from ..segmentation.checks import check_scale
 from ..segmentation.separation import separate
 from .automatic import fit_in_frame, placed
@@ -278,7 +279,7 @@ def _result(image, uncorrected, history, correction, points, outcome, *, region,
     if net != net_of(uncorrected, options.closure):
         size = net_text(net)
         choices = tuple(
-            replace(choice, value=size, reason=f"{choice.reason}; made finer from {choice.value} for boundary points")
+            replace(choice, value=size, reasons=(*choice.reasons, Diagnostic("made_finer", {"net": choice.value})))
             if choice.option == "net"
             else choice
             for choice in choices

@@ -16,6 +16,7 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
+from ..messages import Diagnostic
 from .drift_limit import astray
 from .levels import PROBE_DEPTHS, Levels
 from .nets import grid_shape, net_of
@@ -115,8 +116,8 @@ class Plan:
         voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
         return cls(target, sampler, inside, outside, voxel)
 
-    def astray(self, surface: BSplineSurface) -> str:
-        """Tell why a surface has left the region or is no solid, see :func:`.drift_limit.astray`; empty if neither."""
+    def astray(self, surface: BSplineSurface) -> Diagnostic | None:
+        """Tell why a surface has left the region or is no solid, if so; see :func:`.drift_limit.astray`."""
         return astray(surface, Sampler(self.target.distance), self.target.volume)
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 from ..geometry.parametrization import Parametrization
+from ..messages import Diagnostic
 from .nets import net_of, net_text
 from .options import FitOptions
 from .plan import Plan
@@ -22,15 +23,14 @@ class Held:
 
     Parameters
     ----------
-    net : (rows, columns)
-        Of the surface.
-    how, why : str
-        In plain words: what was done, and what was wrong with the surface.
+    how : str
+        What was done.
+    reasons : tuple of Diagnostic
+        The same with the net, and what was wrong with the surface.
     """
 
-    net: tuple[int, int]
     how: str
-    why: str
+    reasons: tuple[Diagnostic, ...]
 
 
 def hold(
@@ -40,7 +40,7 @@ def hold(
     machinery: tuple[Parametrization, SampleGrid],
     options: FitOptions,
     anchor: float,
-    lost: str,
+    lost: Diagnostic,
 ) -> Generator[Step, None, tuple[Step, Held]]:
     """Fit the grey levels again, held tighter to the region until the surface stays.
 
@@ -57,7 +57,7 @@ def hold(
         With `tau` and `smoothness`.
     anchor : float
         Weight against leaving the surface that a stage begins with, by which it went astray.
-    lost : str
+    lost : Diagnostic
         What was wrong with it, see :meth:`.plan.Plan.astray`.
 
     Yields
@@ -79,8 +79,9 @@ def hold(
             name = f"{stage.name}, {net_text(net)}, held {factor:g} times tighter"
             step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
         if not plan.astray(step.surface):
-            return step, Held(net, f"{factor:g} times tighter", lost)
-    what, kept = spare if plan.astray(near.surface) else ("the region's own surface", near)
+            done = Diagnostic("held_tighter", {"net": net_text(net), "factor": factor})
+            return step, Held(f"{factor:g} times tighter", (lost, done))
+    what, kept = spare if plan.astray(near.surface) else ("surface of the region", near)
     kept = replace(kept, stage=f"{what} kept, {net_text(net)}", iteration=1, displacement=0.0)
     yield kept
-    return kept, Held(net, f"{what} kept", f"{lost}, however tightly it was held")
+    return kept, Held(f"{what} kept", (lost, Diagnostic("surface_kept", {"net": net_text(net), "kept": what})))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..messages import sentences
 from ..registration.boundary import boundary_deviations
 from ..registration.nets import net_text
 from .contents import Compared, ReportedOrgan
@@ -231,7 +232,7 @@ def _inputs(organ: ReportedOrgan) -> Html:
 def _choices(organ: ReportedOrgan) -> Html:
     if not organ.choices:
         return Html()
-    rows = [(choice.option, choice.value, choice.reason) for choice in organ.choices]
+    rows = [(choice.option, choice.value, sentences(choice.reasons)) for choice in organ.choices]
     return _together("What was chosen and why", table(("option", "value", "reason"), rows))
 
 
