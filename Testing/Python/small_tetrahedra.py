@@ -1,11 +1,15 @@
-"""A cube of tetrahedra in two halves, without any mesher."""
+"""A cube of tetrahedra in two halves, without any mesher; and a reader of meshes in VTK files."""
 
 from __future__ import annotations
 
 import itertools
 
 import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import VTK_QUADRATIC_TETRA, VTK_QUADRATIC_TRIANGLE, VTK_TETRA, VTK_TRIANGLE
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
+from VICRegistrationLib.export.frames import RAS_TO_LPS
 from VICRegistrationLib.meshing.elements import EDGES
 from VICRegistrationLib.meshing.groups import faces_of
 from VICRegistrationLib.meshing.tetrahedra import TetrahedralMesh
@@ -44,3 +48,23 @@ def cube(*, order: int = 1, names: tuple[str, str] = ("left", "right")) -> Tetra
         {title: np.arange(a, b) for title, a, b in zip(titles, ends[:-1], ends[1:])},
         dict.fromkeys(names, SIDE**3 / 2.0),
     )
+
+
+def read_vtu(path) -> TetrahedralMesh:
+    """What VTK finds in a .vtu file; RAS mm."""
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput()
+    kinds = np.array([grid.GetCellType(cell) for cell in range(grid.GetNumberOfCells())])
+    offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    group = vtk_to_numpy(grid.GetCellData().GetArray("group"))
+    names = grid.GetFieldData().GetAbstractArray("group_names")
+    parts = []
+    for linear, quadratic in ((VTK_TETRA, VTK_QUADRATIC_TETRA), (VTK_TRIANGLE, VTK_QUADRATIC_TRIANGLE)):
+        rows = np.flatnonzero(np.isin(kinds, (linear, quadratic)))
+        width = offsets[rows[0] + 1] - offsets[rows[0]]
+        groups = {names.GetValue(n): np.flatnonzero(group[rows] == n) for n in np.unique(group[rows])}
+        parts += [nodes[offsets[rows][:, None] + np.arange(width)], groups]
+    return TetrahedralMesh(vtk_to_numpy(grid.GetPoints().GetData()) * RAS_TO_LPS, *parts)

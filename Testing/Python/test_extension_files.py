@@ -22,7 +22,7 @@ ROWS = (
     ("analysis",),
     ("phantoms", "meshing"),
     ("report",),
-    ("validation", "simulation"),
+    ("validation",),
     ("mrml", "cli"),
     ("gui", "demo"),
 )

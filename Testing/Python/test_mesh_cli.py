@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 from needs_gmsh import gmsh_or_skip
+from small_tetrahedra import read_vtu
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.export.mesh_files import read_vtp_surface
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.meshing.elements import volumes
-from VICRegistrationLib.simulation.reading import read_mesh
 
 BALL = closed_organ(axes=15.0 * np.eye(3), center=(3.0, 40.0, -20.0))
 
@@ -30,27 +30,27 @@ def mesh(*words):
 
 
 def test_the_mesh_and_its_quality_are_written_and_printed(organ, tmp_path, capsys):
-    target = tmp_path / "out" / "bladder.msh"
+    target = tmp_path / "out" / "bladder.vtu"
     assert mesh(organ, "--size", 6, "--order", 2, "--wall", 3, "--output", target) == 0
     captured = capsys.readouterr()
     assert "second-order tetrahedra" in captured.out
     assert "0 inverted" in captured.out
     assert "bladder_inside" in captured.out
     assert "meshing" in captured.err.splitlines()
-    assert sorted(path.name for path in target.parent.iterdir()) == ["bladder.msh", "bladder.msh.quality.json"]
-    report = json.loads((tmp_path / "out" / "bladder.msh.quality.json").read_text())
+    assert sorted(path.name for path in target.parent.iterdir()) == ["bladder.vtu", "bladder.vtu.quality.json"]
+    report = json.loads((tmp_path / "out" / "bladder.vtu.quality.json").read_text())
     assert (report["schema"], report["version"]) == ("vic-registration/mesh-quality", 1)
     assert (report["size"], report["order"], report["tool"], report["wall"]) == (6.0, 2, "gmsh", 3.0)
     assert report["inverted"] == 0
     assert report["groups"]["bladder_wall"]["volume_ratio"] == pytest.approx(1.0, abs=1e-3)
-    found = read_mesh(target)
+    found = read_vtu(target)
     assert len(found.tetrahedra) == report["tetrahedra"]
     assert volumes(found.points, found.tetrahedra).sum() == pytest.approx(report["volume"])
     # The mesh lies where the organ lies: in memory RAS again.
     np.testing.assert_allclose(found.points.mean(axis=0), [3.0, 40.0, -20.0], atol=1.0)
 
 
-@pytest.mark.parametrize("suffix", [".vtu", ".inp", ".bdf", ".med"])
+@pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf", ".med"])
 def test_the_ending_chooses_the_format(organ, tmp_path, suffix, capsys):
     assert mesh(organ, "--size", 8, "--output", tmp_path / f"m{suffix}", "--quiet") == 0
     assert (tmp_path / f"m{suffix}").stat().st_size > 10_000
@@ -61,7 +61,7 @@ def test_several_organs_are_one_mesh(organ, tmp_path, capsys):
     write_surface(BALL.transformed(np.eye(4) + np.eye(4, k=3) * 28.0), tmp_path / "rectum.json", name="rectum")
     assert mesh(organ, tmp_path / "rectum.json", "--size", 8, "--output", tmp_path / "both.vtu") == 0
     assert "note: rectum and bladder overlap by" in capsys.readouterr().out
-    assert "bladder_rectum_interface" in read_mesh(tmp_path / "both.vtu").triangle_groups
+    assert "bladder_rectum_interface" in read_vtu(tmp_path / "both.vtu").triangle_groups
 
 
 def test_triangles_are_written_on_demand(organ, tmp_path, capsys):

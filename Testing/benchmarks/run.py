@@ -32,7 +32,6 @@ TITLES = {
     "sampling": "Sampling grey levels",
     "boundary": "Boundary points",
     "preview": "The preview in Slicer",
-    "simulation": "Energies of finite elements",
     "meshes": "Meshes of tetrahedra",
 }
 
@@ -53,7 +52,6 @@ def reports() -> dict[str, Callable[..., str]]:
     import previews
     import random_organs
     import robustness
-    import simulations
     import surfaces
     import tubes
     import volumes
@@ -72,7 +70,6 @@ def reports() -> dict[str, Callable[..., str]]:
         "sampling": volumes.sampling_report,
         "boundary": boundaries.report,
         "preview": previews.report,
-        "simulation": simulations.report,
         "meshes": meshes.report,
     }
     return {name: functions[name] for name in TITLES}

@@ -19,7 +19,6 @@ from . import (
     gaps_command,
     mesh_command,
     references,
-    simulate_command,
     validators,
 )
 from .console import argument
@@ -35,9 +34,6 @@ _NUMERIC = (
     "--net",
     "--tau",
     "--smoothness",
-    "--gravity",
-    "--pressure",
-    "--poisson",
     "--size",
     "--wall",
     "--time-limit",
@@ -168,7 +164,6 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     compare_command.add_parser(subparsers, _add_command)
     gaps_command.add_parser(subparsers, _add_command)
     mesh_command.add_parser(subparsers, _add_command)
-    simulate_command.add_parser(subparsers, _add_command)
     return parser.parse_args(_joined(arguments))
 
 

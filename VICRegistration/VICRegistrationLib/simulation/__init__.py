@@ -1,1 +1,0 @@
-"""Finite element analysis of tetrahedral meshes: linear elasticity, with scikit-fem."""
