@@ -14,7 +14,8 @@ MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
 # Each folder imports from those in the rows above it only.
 ROWS = (
-    ("files", "file_names", "messages", "organ_colours"),
+    ("transactions", "file_names", "messages", "organ_colours"),
+    ("files",),
     ("geometry", "imaging"),
     ("segmentation",),
     ("registration",),

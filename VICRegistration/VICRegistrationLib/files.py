@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-# Hidden, so that nobody takes what a killed process left behind for a result.
-_PREFIX = ".vic-"
+from .transactions import DRAFTS, commit, recover, to_disk, work_folder
 
 
 def keep_inputs(targets: Iterable[str | os.PathLike], inputs: Iterable[str | os.PathLike]) -> None:
@@ -57,10 +55,10 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """
     path = Path(path)
     try:
-        # A folder of its own: same file system, and the file gets the usual permissions.
-        with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=path.parent) as folder:
-            draft = Path(folder, path.name)
+        with work_folder(path.parent) as work:
+            draft = work / DRAFTS / path.name
             yield draft
+            to_disk(draft)
             os.replace(draft, path)
     except (OSError, RuntimeError) as error:
         msg = (
@@ -80,7 +78,8 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
         Folder for the files. It is made if there is none; if there is one, its other files stay, and files of the same
         name are replaced.
     outdated : sequence of str
-        Names of its files that are removed when the new ones are put in their place.
+        Names of its files that are removed when the new ones are put in their place. Looked at then: what is added to a
+        list in the meantime counts.
 
     Yields
     ------
@@ -91,18 +90,21 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
     ------
     OSError
         If the folder cannot be written to, which is found out before anything is yielded, or the files cannot be put in
-        their place. Whatever ends the block early (an error, Ctrl-C), `folder` is left as it was.
+        their place. Whatever ends the block early (an error, Ctrl-C), `folder` is left as it was; if the process is
+        killed, it holds all old files or all new ones, see :mod:`.transactions`.
     """
     folder = Path(folder)
     beside = _nearest_folder(folder)
-    try:
-        outer = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=beside)
-    except OSError as error:
-        msg = f"The folder {folder} cannot be written to ({reason(error)}); choose another folder."
-        raise OSError(msg) from error
-    with outer as temporary:
-        drafts, backups = Path(temporary, "drafts"), Path(temporary, "backups")
-        drafts.mkdir()
+    with contextlib.ExitStack() as stack:
+        try:
+            for place in (folder, folder.parent):
+                recover(place)
+            work = stack.enter_context(work_folder(beside))
+        except OSError as error:
+            msg = f"The folder {folder} cannot be written to ({reason(error)}); choose another folder."
+            raise OSError(msg) from error
+        drafts = work / DRAFTS / folder.relative_to(beside)
+        drafts.mkdir(parents=True, exist_ok=True)
         try:
             yield drafts
         except OSError as error:
@@ -110,13 +112,38 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
             msg = str(error).replace(str(drafts), str(folder))
             raise OSError(msg) from error
         try:
-            _move_in(drafts, folder, backups, outdated)
+            if beside == folder:
+                commit(work, outdated=outdated)
+            else:
+                _move_folder(work)
         except OSError as error:
             msg = (
                 f"The files cannot be put into {folder} ({reason(error)}); check that it may be written to and holds "
                 "no folders of their names. It was left as it was."
             )
             raise OSError(msg) from error
+
+
+def check_writable(folder: str | os.PathLike) -> None:
+    """Refuse a folder that files cannot be written into, before the work.
+
+    Parameters
+    ----------
+    folder : path
+        Need not exist.
+
+    Raises
+    ------
+    OSError
+        If it, or the first of its parents that exists, is no folder or cannot be written to.
+    """
+    beside = _nearest_folder(Path(folder))
+    try:
+        with work_folder(beside):
+            pass
+    except OSError as error:
+        msg = f"The folder {folder} cannot be written to ({reason(error)}); choose another folder."
+        raise OSError(msg) from error
 
 
 def reason(error: Exception) -> str:
@@ -136,42 +163,14 @@ def _nearest_folder(folder: Path) -> Path:
     return existing
 
 
-def _move_in(drafts: Path, folder: Path, backups: Path, outdated: Sequence[str]) -> None:
-    """Move the files of a draft folder into a folder and others out; if one cannot be moved, undo the others."""
-    made = _missing_folders(drafts, folder)
-    written = sorted(path.relative_to(drafts) for path in drafts.rglob("*") if path.is_file())
-    undo = []
-    try:
-        for new in made:
-            new.mkdir()
-            undo.append((new.rmdir,))
-        for name in written:
-            target = folder / name
-            if target.is_dir():
-                msg = f"{name} is a folder there"
-                raise IsADirectoryError(msg)
-            if target.exists():
-                undo.append(_moved_out(target, backups / name))
-            os.replace(drafts / name, target)
-            undo.append((target.unlink,))
-        for name in outdated:
-            if (folder / name).is_file() and Path(name) not in written:
-                undo.append(_moved_out(folder / name, backups / name))
-    except BaseException:
-        for call, *arguments in reversed(undo):
-            call(*arguments)
-        raise
-
-
-def _moved_out(target: Path, backup: Path) -> tuple:
-    """Move a file to its backup; returns the call that brings it back."""
-    backup.parent.mkdir(parents=True, exist_ok=True)
-    os.replace(target, backup)
-    return os.replace, backup, target
-
-
-def _missing_folders(drafts: Path, folder: Path) -> list[Path]:
-    """Folders to make before the drafts can be moved, outer ones first."""
-    wanted = [folder, *(folder / path.relative_to(drafts) for path in drafts.rglob("*") if path.is_dir())]
-    missing = {parent for path in wanted for parent in (path, *path.parents) if not parent.exists()}
-    return sorted(missing, key=lambda path: len(path.parts))
+def _move_folder(work: Path) -> None:
+    """Put a new folder in its place with all that is in it: one step, unless somebody has made it in the meantime."""
+    (new,) = (work / DRAFTS).iterdir()
+    target = work.parent / new.name
+    if os.path.lexists(target):
+        commit(work)
+        return
+    for path in new.rglob("*"):
+        to_disk(path)
+    os.replace(new, target)
+    to_disk(work.parent)

@@ -12,6 +12,7 @@ from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
 from ..organ_colours import organ_colours, rgb
+from ..transactions import recover
 
 # Files of the same organs that hold triangles or solids.
 _OTHERS = (".stl", ".ply", ".step", ".stp")
@@ -36,6 +37,8 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     ValueError
         If a file holds no surface, or two surfaces have one name (upper and lower case are one, as in files).
     """
+    for folder in dict.fromkeys(Path(path).parent for path in paths):
+        recover(folder)
     surfaces: dict[str, BSplineSurface] = {}
     read: dict[str, Path] = {}
     for path in map(Path, paths):

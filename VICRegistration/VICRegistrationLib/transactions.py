@@ -1,0 +1,303 @@
+"""Changes of a folder that happen completely or not at all, even if the process is killed or the power fails.
+
+A change has a hidden work folder in the folder that it changes:
+
+================ ===================================================================================================
+``owner``        a file that is locked as long as the process lives that makes the change
+``drafts/``      the files to come; all of them are on the disk before the first is moved
+``backups/``     hard links (copies where there are none) to the files that are replaced or removed
+``journal.json`` exists only while files are moved; with it, `roll_back` brings the old files back
+================ ===================================================================================================
+
+The change is made when the journal is removed. Whoever uses the folder next calls `recover`: if the owner of a work
+folder is dead, its journal is rolled back and the rest of it removed. So the folder holds all old files or all new
+ones. Knows nothing of the rest of the library.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+    import msvcrt
+
+# Hidden, so that nobody takes what a killed process left behind for a result.
+_PREFIX = ".vic-"
+DRAFTS = "drafts"
+_OWNER, _BACKUPS, _JOURNAL, _LOCK = "owner", "backups", "journal.json", f"{_PREFIX}lock"
+# A work folder without an owner that is older than this, s, is not one that is just being made.
+_ABANDONED_S = 60.0
+
+
+@contextlib.contextmanager
+def work_folder(beside: Path) -> Iterator[Path]:
+    """Make a work folder, and remove it at the end.
+
+    Parameters
+    ----------
+    beside : Path
+        The folder to make it in, which must exist. What killed processes left there is recovered first.
+
+    Yields
+    ------
+    Path
+        The work folder, with an empty folder ``drafts``.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+    recover(beside)
+    work = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=beside))
+    try:
+        with (work / _OWNER).open("wb") as owner:
+            _locked(owner, wait=False)
+            # A folder of its own, with the usual permissions.
+            (work / DRAFTS).mkdir()
+            yield work
+    finally:
+        # A journal is still there only if it could not be rolled back: the next `recover` tries again.
+        if not (work / _JOURNAL).exists():
+            _remove(work)
+
+
+def commit(work: Path, *, outdated: Sequence[str] = ()) -> None:
+    """Move the drafts of a work folder into the folder around it, and remove other files from there.
+
+    Parameters
+    ----------
+    work : Path
+        From `work_folder`.
+    outdated : sequence of str
+        Names of files to remove; those that are not there, or among the drafts, do not count.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be moved. Then, and if anything else ends it early, the folder is left as it was.
+    """
+    folder, drafts = work.parent, work / DRAFTS
+    entries = sorted(drafts.rglob("*"))
+    names = [path.relative_to(drafts) for path in entries if path.is_file()]
+    folders = [path.relative_to(drafts) for path in entries if path.is_dir()]
+    blocked = [name for name in names if (folder / name).is_dir()]
+    if blocked:
+        msg = f"{blocked[0]} is a folder there"
+        raise IsADirectoryError(msg)
+    for path in entries:
+        to_disk(path)
+    gone = [Path(name) for name in outdated if (folder / name).is_file() and Path(name) not in names]
+    replaced = [name for name in names if os.path.lexists(folder / name)]
+    for name in (*replaced, *gone):
+        _back_up(folder / name, work / _BACKUPS / name)
+    missing = [name for name in folders if not (folder / name).exists()]
+    new = [name for name in names if name not in replaced]
+    _write_journal(work, new=new, saved=[*replaced, *gone], folders=missing)
+    try:
+        for name in missing:
+            (folder / name).mkdir()
+        for name in names:
+            os.replace(drafts / name, folder / name)
+        for name in gone:
+            (folder / name).unlink()
+        for path in (folder, *(folder / name for name in folders)):
+            to_disk(path)
+    except BaseException:
+        roll_back(work)
+        raise
+    (work / _JOURNAL).unlink()
+    to_disk(work)
+
+
+def roll_back(work: Path) -> None:
+    """Bring back the files that a change has replaced or removed, if it did not come to its end.
+
+    Parameters
+    ----------
+    work : Path
+        A work folder. Without a journal nothing happens, and twice is as good as once.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be brought back; the journal stays.
+    """
+    journal = work / _JOURNAL
+    if not journal.exists():
+        return
+    content = json.loads(journal.read_text(encoding="utf-8"))
+    folder = work.parent
+    for name in content["new"]:
+        # What is still a draft is not what has this name in the folder.
+        if not (work / DRAFTS / name).exists():
+            (folder / name).unlink(missing_ok=True)
+    for name in content["saved"]:
+        if os.path.lexists(work / _BACKUPS / name):
+            os.replace(work / _BACKUPS / name, folder / name)
+    for name in reversed(content["folders"]):
+        with contextlib.suppress(OSError):
+            (folder / name).rmdir()
+    to_disk(folder)
+    journal.unlink()
+
+
+def recover(folder: str | os.PathLike) -> None:
+    """Roll back what killed processes left half done in a folder, and remove their drafts.
+
+    Parameters
+    ----------
+    folder : path
+        If there is none, nothing happens. Work folders of processes that live are left alone.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be brought back.
+    """
+    if not os.path.isdir(folder):
+        return
+    with os.scandir(folder) as entries:
+        works = [Path(entry.path) for entry in entries if entry.name.startswith(_PREFIX) and entry.is_dir()]
+    for work in works:
+        _recover_one(work)
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path, *, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Let no other process into the same block for a folder, for whoever reads files there and writes them anew.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made if there is none, and removed at the end if it is empty then.
+    on_wait : callable
+        Called if another process has to be waited for.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / _LOCK
+    try:
+        with _own_lock(path, on_wait):
+            try:
+                yield
+            finally:
+                # Before it is unlocked: who waits for it sees that it is gone, and makes a new one.
+                with contextlib.suppress(OSError):
+                    path.unlink()
+    finally:
+        for new in made:
+            with contextlib.suppress(OSError):
+                new.rmdir()
+
+
+@contextlib.contextmanager
+def _own_lock(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
+    """Make a file and lock it; again if it was removed in the meantime."""
+    while True:
+        with path.open("ab") as file:
+            if not _locked(file, wait=False):
+                on_wait()
+                _locked(file, wait=True)
+            if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                yield
+                return
+
+
+def _locked(file, *, wait: bool) -> bool:
+    """Lock an open file until it is closed or the process ends; False if another process has it."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        else:
+            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+    except OSError as error:
+        # Some network drives have no locks; what cannot be known is taken to be in use.
+        return wait and not isinstance(error, BlockingIOError)
+    return True
+
+
+def _recover_one(work: Path) -> None:
+    """Recover a work folder if its owner is dead."""
+    try:
+        with (work / _OWNER).open("r+b") as owner:
+            if not _locked(owner, wait=False):
+                return
+            roll_back(work)
+    except FileNotFoundError:
+        with contextlib.suppress(OSError):
+            if time.time() - work.stat().st_mtime > _ABANDONED_S:
+                work.rmdir()
+        return
+    except PermissionError:
+        # Another user's.
+        return
+    _remove(work)
+
+
+def _remove(work: Path) -> None:
+    """Remove a work folder, the owner's file last: without it, nobody knows that the owner is dead."""
+    for name in (DRAFTS, _BACKUPS):
+        shutil.rmtree(work / name, ignore_errors=True)
+    shutil.rmtree(work, ignore_errors=True)
+
+
+def _write_journal(work: Path, **names: Sequence[Path]) -> None:
+    """Write the journal, with everything that it needs on the disk before it."""
+    if (work / _BACKUPS).exists():
+        for path in (work / _BACKUPS).rglob("*"):
+            to_disk(path)
+        to_disk(work / _BACKUPS)
+    draft = work / f"{_JOURNAL}.draft"
+    draft.write_text(json.dumps({key: [str(name) for name in found] for key, found in names.items()}), encoding="utf-8")
+    to_disk(draft)
+    os.replace(draft, work / _JOURNAL)
+    to_disk(work)
+
+
+def _back_up(path: Path, backup: Path) -> None:
+    """Give a file a second name; copy it where the file system cannot."""
+    backup.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(path, backup, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(path, backup, follow_symlinks=False)
+
+
+def to_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk and not only in memory.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    OSError
+        If they cannot be written there.
+    """
+    if path.is_symlink():
+        return
+    # Windows opens no folders; it wants to write to what it is to flush.
+    if fcntl is None and path.is_dir():
+        return
+    number = os.open(path, os.O_RDONLY if fcntl is not None else os.O_RDWR)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
