@@ -96,3 +96,16 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
     LOOP.waitFor(lambda: ends)
     assert ends == [(143, "")]
     assert list(tmp_path.iterdir()) == [launcher]
+
+
+@pytest.mark.usefixtures("recorded")
+def test_the_last_line_of_a_command_that_fails_is_the_sentence_to_show(tmp_path):
+    from recorded_widgets.loop import LOOP
+
+    from VICRegistrationLib.gui.command import Command
+
+    lines, ends = [], []
+    Command(["gaps", str(tmp_path / "none.json")], lines.append, lambda *end: ends.append(end))
+    LOOP.waitFor(lambda: ends)
+    assert ends == [(2, "")]
+    assert lines[-1].startswith("The surface file ")

@@ -11,13 +11,15 @@ PROGRAM = "vic-registration"
 USAGE_ERROR, INTERRUPTED, TERMINATED = 2, 130, 143
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
     """Run a command.
 
     Parameters
     ----------
     arguments : sequence of str, optional
         Words after the program's name; those of the process if not given.
+    program : str
+        What the line about an error begins with; with nothing it is the sentence alone, for those who show it.
 
     Returns
     -------
@@ -30,6 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     SystemExit
         With the same numbers, for ``--help``, ``--version`` and wrong usage.
     """
+    name = f"{program}: " if program else ""
+    error_name = f"{name}error: " if program else ""
     try:
         with stoppable():
             # Takes about a second, in which Ctrl-C is pressed too.
@@ -38,21 +42,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
             options.run(options)
     except KeyboardInterrupt:
-        return _ended(f"{PROGRAM}: interrupted; nothing was written", INTERRUPTED)
+        return _ended(f"{name}interrupted; nothing was written", INTERRUPTED)
     except Terminated:
-        return _ended(f"{PROGRAM}: terminated; nothing was written", TERMINATED)
+        return _ended(f"{name}terminated; nothing was written", TERMINATED)
     except OverflowError as error:
-        return _ended(
-            f"{PROGRAM}: error: A number is too large to be worked with ({error}); check the options.", USAGE_ERROR
-        )
+        return _ended(f"{error_name}A number is too large to be worked with ({error}); check the options.", USAGE_ERROR)
     except MemoryError:
         return _ended(
-            f"{PROGRAM}: error: There is not enough memory; crop the image, or ask for a coarser net, mesh or chord "
-            "error.",
+            f"{error_name}There is not enough memory; crop the image, or ask for a coarser net, mesh or chord error.",
             USAGE_ERROR,
         )
     except (ValueError, OSError, RuntimeError) as error:
-        return _ended(f"{PROGRAM}: error: {error}", USAGE_ERROR)
+        return _ended(f"{error_name}{error}", USAGE_ERROR)
     return 0
 
 

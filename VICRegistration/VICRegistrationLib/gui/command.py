@@ -15,7 +15,7 @@ sys.path.insert(0, sys.argv.pop(1))
 from VICRegistrationLib.cli.process import end_with_stdin
 end_with_stdin()
 from VICRegistrationLib.cli import main
-sys.exit(main())
+sys.exit(main(program=""))
 """
 # How long a process that was asked to end may take to tidy up, ms.
 _PATIENCE_MS = 3000
@@ -29,7 +29,7 @@ class Command:
     arguments : list of str
         Words of the command.
     onLine : callable
-        Called with every line of progress.
+        Called with every line of progress; where it fails, the last one is the sentence that says why.
     onEnd : callable
         Called once with its exit code, which is 0, or another one if it failed, crashed or was cancelled; and with what
         it printed as its result.

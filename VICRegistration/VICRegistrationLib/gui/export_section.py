@@ -153,8 +153,11 @@ class ExportSection:
         if code != 0 and self._cancelled:
             self._tell(_("Cancelled; nothing was written."))
         elif code != 0:
-            said = self._lines[-1].partition("error: ")[2] or self._lines[-1] if self._lines else ""
-            self._tell(said or _("The mesher ended without a mesh; nothing was written. Try another size."))
+            self._tell(
+                self._lines[-1]
+                if self._lines
+                else _("The mesher ended without a mesh; nothing was written. Try another size.")
+            )
         else:
             self._tell("\n".join([_("Written: {files}").format(files=self._path), report]))
             if self._path.suffix == _VTU:
