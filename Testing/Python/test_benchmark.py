@@ -202,8 +202,8 @@ def test_random_shapes_are_painted_and_fitted(modules):
 def test_a_bent_tube_is_told_from_both_starts(modules):
     lines = modules["tubes"].report(quick=True).splitlines()
     means = {words[1]: float(words[2]) for words in map(str.split, lines) if words[:1] == ["180°"]}
-    assert means["chosen"] < 0.3
-    assert means["ellipsoid"] > 3.0 * means["chosen"]
+    assert means["automatic"] < 0.3
+    assert means["ellipsoid"] > 3.0 * means["automatic"]
 
 
 def test_a_hippocampus_is_told_from_its_box_and_from_its_label(modules, shared_data):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from unittest import mock
 
 import numpy as np
 from measuring import table
@@ -12,8 +11,7 @@ from scipy.spatial import cKDTree
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.registration import organ
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
 
 LENGTH_MM, RADIUS_MM = 110.0, 11.0
 BENDS = (60, 100, 140, 180, 220, 260)
@@ -68,21 +66,15 @@ def report(*, quick: bool) -> str:
     for degrees in BENDS[3:4] if quick else BENDS:
         tube = bent_tube(degrees)
         region = region_from_mask(tube.image, tube.mask)
-        for start in ("chosen", "ellipsoid"):
-            with mock.patch.object(organ, "start_model", organ.start_model if start == "chosen" else _ellipsoid):
-                fit = finish(fit_region(tube.image, region))
+        for start in ("automatic", "ellipsoid"):
+            fit = finish(fit_region(tube.image, region, FitOptions(model=start)))
             errors = tube.errors(fit.surface)
             held = [choice.value for choice in fit.choices if choice.option == "hold"]
             problems = ", ".join(problem.kind for problem in fit.problems) or "none"
             sizes = [f"{errors.mean():.2f}", f"{errors.max():.1f}"]
             rows.append([f"{degrees}°", start, *sizes, problems, "{}x{}".format(*fit.options.net), *(held or ["-"])])
     return (
-        "  A tube of 110 x 22 mm with round ends, default options. Start: the model that is chosen, or the ellipsoid "
-        "along the\n  principal axes. Distances are those of the fitted surface's points from the tube itself.\n\n"
-        + table(rows)
+        "  A tube of 110 x 22 mm with round ends, default options. Start: the automatic generic model, or the "
+        "ellipsoid along the\n  principal axes. Distances are those of the fitted surface's points from the "
+        "tube itself.\n\n" + table(rows)
     )
-
-
-def _ellipsoid(_distance, ellipsoid, *_):
-    """Start as if no organ were bent."""
-    return ellipsoid

@@ -7,6 +7,7 @@ from numbers import Real
 
 import numpy as np
 
+from ..geometry.models import GENERIC_MODELS
 from ..geometry.parametrization import CLOSURES
 from .levels import LEVEL_MODES
 from .losses import LOSSES
@@ -29,6 +30,8 @@ class FitOptions:
         or 33x19, the finest one that lowers the cost by more than noise explains.
     closure : {"smooth", "paper"}
         How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
+    model : str
+        Name of the generic model to start from, see :data:`..geometry.models.GENERIC_MODELS`.
     threshold : (low, high), optional
         Grey levels of the organ, for separating it; suggested from the seeds if not given.
     erosion : float, optional
@@ -64,6 +67,7 @@ class FitOptions:
 
     net: tuple[int, int] | None = None
     closure: str = "smooth"
+    model: str = "automatic"
     threshold: tuple[float, float] | None = None
     erosion: float | None = None
     dilation: float | None = None
@@ -88,6 +92,7 @@ class FitOptions:
             "solver": tuple(SOLVERS),
             "levels": LEVEL_MODES,
             "closure": CLOSURES,
+            "model": tuple(GENERIC_MODELS),
             "stopping": STOPPINGS,
             "loss": LOSSES,
         }

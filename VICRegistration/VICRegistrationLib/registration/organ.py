@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..geometry.models import generic_model
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image
@@ -25,7 +26,6 @@ from ..messages import Diagnostic
 from ..segmentation.checks import check_scale
 from ..segmentation.separation import separate
 from .automatic import fit_in_frame, placed
-from .bent_model import start_model
 from .boundary import checked_boundary_points
 from .choosing import Choice
 from .confidence import Confidence, confidence_of
@@ -34,7 +34,7 @@ from .drift_limit import left_out
 from .finer_nets import first_net
 from .nets import closure_of, net_of, net_text
 from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
-from .plan import Plan, generic_model, surface_stages
+from .plan import Plan, surface_stages
 from .refitting import fit_again, looked_at
 from .stages import Step
 
@@ -185,8 +185,7 @@ def fit_region(
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
     plan = Plan.of(image, region, local_to_ras, options)
     net = first_net(options.net, options.closure)
-    ellipsoid = generic_model(pose, net, options.closure)
-    model = start_model(plan.target.distance, ellipsoid, net, options.closure)
+    model = generic_model(options.model, plan.target.shape(pose.extents), net, options.closure)
     history: list[Step] = []
     steps = fit_in_frame(plan, model, options)
     outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)

@@ -13,7 +13,6 @@ from ..geometry.parametrization import closed_organ as closed_organ_parametrizat
 from ..geometry.surface import BSplineSurface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
-from ..imaging.moments import Moments
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
@@ -42,14 +41,6 @@ COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
 # Largest displacement of a control point at which the surface has come to its boundary points, mm.
 BOUNDARY_TOLERANCE = 0.02
-
-
-def generic_model(pose: Moments, net: tuple[int, int], closure: str) -> BSplineSurface:
-    """Make an ellipsoid with the region's moments, in the organ's frame, poles at both ends of its longest axis."""
-    # A solid ellipsoid's semi-axis is sqrt(5) times the standard deviation along it.
-    longest, middle, shortest = np.sqrt(5.0) * pose.extents
-    axes = np.array([[0.0, middle, 0.0], [0.0, 0.0, shortest], [longest, 0.0, 0.0]])
-    return models.closed_organ(net, closure=closure, axes=axes)
 
 
 @lru_cache(maxsize=8)

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..geometry.models import OrganShape
 from ..imaging.image import Image
 from ..imaging.region import Region
 from ..imaging.resampling import resampled, signed_distances
+from ..imaging.sampling import Sampler
 
 # Voxels of the distance image: enough to carry the region's shape, few enough to be looked up fast. Each is the mean of
 # 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise.
@@ -37,6 +39,15 @@ class RegionImage:
     def volume(self) -> float:
         """Volume of the region, mm^3."""
         return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume
+
+    def shape(self, extents: np.ndarray) -> OrganShape:
+        """Tell generic models about the organ; `extents` are its standard deviations along the axes, (3,) mm."""
+        return OrganShape(extents, self.distance.array < 0.0, self.distance.ijk_to_ras, self._distances)
+
+    def _distances(self, points: np.ndarray) -> np.ndarray:
+        """Distances at points (n, 3); what lies outside of the image is as far as its rim."""
+        values, seen = Sampler(self.distance).values(points)
+        return np.where(seen, values, self.distance.array.max())
 
 
 def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> RegionImage:
