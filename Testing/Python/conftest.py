@@ -34,11 +34,11 @@ def one_net(monkeypatch):
 
 
 @pytest.fixture
-def remembered(one_net, monkeypatch):
+def cached_fits(one_net, monkeypatch):
     """One net, and a fit of the same image with the same options is run once, for tests of what is around fits."""
-    from remembered import remember
+    import cached_fits
 
-    remember(monkeypatch)
+    cached_fits.install(monkeypatch)
 
 
 @pytest.fixture
@@ -75,24 +75,24 @@ def shared_data():
 
 
 @pytest.fixture(scope="session")
-def slicer_bench():
+def stand_ins():
     """Slicer's real scene and stand-ins for the rest, so that code for Slicer can be imported."""
     pytest.importorskip("slicer", reason="slicer-core is not installed")
-    from slicer_stand_ins.bench import install
+    from slicer_stand_ins.install import install
 
     return install()
 
 
 @pytest.fixture
-def scene(slicer_bench, monkeypatch):
+def scene(stand_ins, monkeypatch):
     """An empty slicer.mrmlScene; errors in its observers, which VTK only prints, fail the test."""
     import mrml_boot
 
     errors = []
     monkeypatch.setattr(sys, "excepthook", lambda kind, error, trace: errors.append(error))
-    mrml_boot.clear(slicer_bench.scene)
-    yield slicer_bench.scene
-    mrml_boot.clear(slicer_bench.scene)
+    mrml_boot.clear(stand_ins.scene)
+    yield stand_ins.scene
+    mrml_boot.clear(stand_ins.scene)
     if errors:
         raise errors[0]
 
@@ -111,7 +111,7 @@ def vtk_messages(scene):
 @pytest.fixture
 def slicer_module(scene):
     """The module VICRegistration as slicer.modules.vicregistration, loaded from its file."""
-    from slicer_stand_ins.bench import loadModule
+    from slicer_stand_ins.install import loadModule
 
     module = loadModule(Path(__file__).resolve().parents[2] / "VICRegistration" / "VICRegistration.py")
     yield module
@@ -138,16 +138,12 @@ def organ(logic):
 @pytest.fixture
 def recorded(scene):
     """Modules qt and ctk, and Slicer's widgets, as recorded in a real Slicer; .loop is their event loop."""
-    from recorded_widgets import record
-
-    if not (record.FOLDER / "qt.json").is_file():
-        pytest.skip("there is no folder ../shared/slicer-api, the record of Slicer's widgets, beside the project")
     from recorded_widgets.install import install
 
-    bench = install()
-    bench.loop.clear()
-    yield bench
-    bench.loop.clear()
+    widgets = install()
+    widgets.loop.clear()
+    yield widgets
+    widgets.loop.clear()
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from small_phantom import CENTER
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 # Every setting of an organ with a value that is not its default, as text or number; enums by name.
 OTHER_SETTINGS = {
@@ -212,7 +212,7 @@ def test_work_goes_on_after_loading(logic, through_a_bundle):
     # Seeds are written in decimals.
     np.testing.assert_allclose(logic.surface(organ).control_net, net, atol=0.01)
     added = [entry for entry in mrml_scenes.content(slicer.mrmlScene) if entry not in before]
-    # The bench does not bring folders back: a new one may be made.
+    # The stand-in does not bring folders back: a new one may be made.
     assert [entry for entry in added if not entry.startswith("item ")] == []
     logic.organs().remove(organ)
     assert not slicer.util.getNodesByClass("vtkMRMLModelNode")

@@ -22,7 +22,7 @@ from small_phantom import ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
 
-pytestmark = pytest.mark.usefixtures("remembered", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
 
 
 @pytest.fixture(scope="module")

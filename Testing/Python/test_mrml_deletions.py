@@ -13,7 +13,7 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 # Asked for. The same numbers go through the same arithmetic, but for the matrix of the file, written in decimals.
 SAME_MM = 1e-6

@@ -10,7 +10,7 @@ import pytest
 from mrml_scenes import slicer
 from small_phantom import CENTER
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 
 def observers(scene):

@@ -14,7 +14,7 @@ from small_phantom import CENTER
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.segmentation.separation import separate
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 
 @pytest.fixture

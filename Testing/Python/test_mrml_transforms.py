@@ -11,7 +11,7 @@ from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.distances import deviation
 
-pytestmark = pytest.mark.usefixtures("remembered")
+pytestmark = pytest.mark.usefixtures("cached_fits")
 
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 # The phantom has slices of 3 mm and noise: so near is the fit to the truth without any transform.

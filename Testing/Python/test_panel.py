@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.usefixtures("remembered", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
 
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 
@@ -25,7 +25,7 @@ def panelTests(recorded, slicer_module, pelvis, monkeypatch):
 
 
 def names():
-    """Test methods as class.method, read off the file: it cannot be imported before the bench is there."""
+    """Test methods as class.method, read off the file: it cannot be imported before the stand-ins are there."""
     import ast
 
     tree = ast.parse((Path(__file__).resolve().parents[1] / "Slicer" / "panel_tests.py").read_text(encoding="utf-8"))
@@ -85,12 +85,12 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
     launcher.write_text(f'#!/bin/sh\n"{sys.executable}" "$@" <&0\nexit $?\n')
     launcher.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    from recorded_widgets.loop import LOOP
+    from recorded_widgets.event_loop import LOOP
 
     from VICRegistrationLib.gui.command import Command
 
     ends = []
-    command = Command(["phantom", str(tmp_path / "out")], lambda line: None, lambda *end: ends.append(end))
+    command = Command(["phantom", str(tmp_path / "out")], print, lambda *end: ends.append(end), patience=10**9)
     LOOP.wait(500)
     command.cancel()
     LOOP.waitFor(lambda: ends)

@@ -25,7 +25,7 @@ DIRECTIONS = {
 
 
 @pytest.fixture(scope="module")
-def off_screen(slicer_bench):
+def off_screen(stand_ins):
     """Skips where nothing can be drawn."""
     from slicer_views import draws_off_screen
 
@@ -76,14 +76,14 @@ def mark(volume):
 
 
 @pytest.fixture
-def draw_slice(volume, slicer_bench):
+def draw_slice(volume, stand_ins):
     """A function that draws a slice view around the organ's centre."""
     from slicer_views import SliceView
 
     opened = []
 
     def draw(name):
-        view = SliceView(volume.GetScene(), slicer_bench.application, name, SIZE)
+        view = SliceView(volume.GetScene(), stand_ins.application, name, SIZE)
         opened.append(view)
         view.show(volume, CENTER, HEIGHT_MM)
         return view.picture() / 255.0
@@ -94,11 +94,11 @@ def draw_slice(volume, slicer_bench):
 
 
 @pytest.fixture
-def draw_3d(volume, slicer_bench):
+def draw_3d(volume, stand_ins):
     """A function that draws the 3D view, seen from the front."""
     from slicer_views import ThreeDView
 
-    view = ThreeDView(volume.GetScene(), slicer_bench.application, SIZE)
+    view = ThreeDView(volume.GetScene(), stand_ins.application, SIZE)
     view.look(CENTER, (0.0, 1.0, 0.0), HEIGHT_MM)
     yield lambda: view.picture() / 255.0
     view.close()

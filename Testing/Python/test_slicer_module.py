@@ -79,7 +79,7 @@ def test_loading_the_module_imports_nothing_heavy():
     """Slicer loads every module at start: what computes is imported when it is first needed."""
     program = (
         "import sys\n"
-        "from slicer_stand_ins.bench import loadModule\n"
+        "from slicer_stand_ins.install import loadModule\n"
         f"loadModule({str(MODULE_FILE)!r})\n"
         "print(sorted({'scipy', 'SimpleITK', 'matplotlib'} & set(sys.modules)))\n"
     )

@@ -11,11 +11,6 @@ from recorded_widgets.ui_loader import problems, readUi
 MODULE = Path(__file__).resolve().parents[2] / "VICRegistration"
 UI = MODULE / "Resources" / "UI" / "VICRegistration.ui"
 
-pytestmark = pytest.mark.skipif(
-    not (record.FOLDER / "qt.json").is_file(),
-    reason="there is no folder ../shared/slicer-api, the record of Slicer's widgets, beside the project",
-)
-
 # What a user can click or type into.
 INPUTS = (
     *(

@@ -48,7 +48,7 @@ def report(*, quick: bool) -> str:
 def preview_seconds(image: Image, repeats: int) -> dict[str, list[float]]:
     """Seconds of refreshing the preview of the organ in the middle, and of labelling the volume."""
     sys.path[:0] = [str(_ROOT / "Testing" / "Python")]
-    from slicer_stand_ins.bench import install, loadModule
+    from slicer_stand_ins.install import install, loadModule
 
     scene = install().scene
     import mrml_boot

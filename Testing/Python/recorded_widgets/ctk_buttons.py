@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .things import QColor
+from .value_types import QColor
 from .widgets import Button
 
 
@@ -10,9 +10,6 @@ class ctkCollapsibleButton(Button):
     """A section that hides what is in it while it is collapsed; it is checked while it is not."""
 
     _defaults = {"enabled": True, "visible": True, "checkable": True, "checked": True}
-
-    def collapse(self, collapsed):
-        self._set("collapsed", collapsed)
 
     def _folded(self):
         return self._get("collapsed")

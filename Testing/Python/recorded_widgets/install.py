@@ -6,7 +6,7 @@ import functools
 import sys
 from types import SimpleNamespace
 
-from . import base, enums, loop, record
+from . import base, enums, event_loop, record
 
 
 @functools.cache
@@ -17,22 +17,16 @@ def install():
     -------
     SimpleNamespace
         ``load_ui(path)``, ``loop`` and ``classes``.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no record.
     """
-    record.load()
-    from slicer_stand_ins.bench import install as installSlicer
+    from slicer_stand_ins.install import install as installSlicer
 
     installSlicer()
     import slicer
 
-    from . import ctk_buttons, ctk_paths, processes, scene_widgets, sliders, tables, things, ui_loader, widgets
+    from . import ctk_buttons, ctk_paths, processes, scene_widgets, sliders, tables, ui_loader, value_types, widgets
 
     classes = {}
-    for module in (widgets, sliders, tables, things, ctk_buttons, ctk_paths, processes, scene_widgets):
+    for module in (widgets, sliders, tables, value_types, ctk_buttons, ctk_paths, processes, scene_widgets):
         members = {name: cls for name, cls in vars(module).items() if isinstance(cls, base.RecordedType)}
         classes.update({name: cls for name, cls in members.items() if name in record.load()})
     for name, entry in record.load().items():
@@ -42,9 +36,9 @@ def install():
             classes[name] = base.RecordedType(name, (parent,), {})
     for name, cls in classes.items():
         setattr(sys.modules[record.load()[name].module], name, cls)
-    for cls in (enums.Qt, enums.QSizePolicy, enums.QEventLoop, things.QApplication):
+    for cls in (enums.Qt, enums.QSizePolicy, enums.QEventLoop, value_types.QApplication):
         setattr(sys.modules["qt"], cls.__name__, cls)
-    slicer.app.eventLoop = loop.LOOP
+    slicer.app.eventLoop = event_loop.LOOP
     loader = lambda path: ui_loader.Loader(classes).load(path)  # noqa: E731
     slicer.util.loadUI = loader
-    return SimpleNamespace(load_ui=loader, loop=loop.LOOP, classes=classes)
+    return SimpleNamespace(load_ui=loader, loop=event_loop.LOOP, classes=classes)

@@ -6,7 +6,7 @@ import subprocess
 import threading
 
 from .base import Recorded
-from .loop import LOOP
+from .event_loop import LOOP
 
 _LOOK_MS = 20
 

@@ -1,4 +1,10 @@
-"""Reads the record of a real Slicer's widget classes: which properties, signals, slots and members there are."""
+"""The record of a real Slicer's widget classes: which properties, signals, slots and members there are.
+
+``slicer_api.json`` was recorded in a running Slicer 5.8.1 (Qt 5.15.8, Python 3.11) by introspection: the properties and
+methods of each class's meta object, and all names that Python sees on an instance. It holds the classes that the panel
+and its stand-ins use; newer Slicers have all of it and a little more. A class that is like another one is written as
+what it has beyond that one. ``update_record.py`` writes the file.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +13,34 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-FOLDER = Path(__file__).resolve().parents[4] / "shared" / "slicer-api"
-MODULES = ("qt", "ctk", "slicer")
+FILE = Path(__file__).resolve().parent / "slicer_api.json"
+PARTS = ("properties", "signals", "slots", "members")
+
+# Classes that were not recorded, by what is used of them and ran in Slicer all the same: QHeaderView needs an
+# orientation to be made; qMRMLPlotView as in Slicer's script repository; the last one holds a scripted module's panel.
+_UNRECORDED = {
+    "QHeaderView": {
+        "base": "QWidget",
+        "module": "qt",
+        "properties": {"stretchLastSection": "bool", "defaultSectionSize": "int"},
+        "members": (
+            *("stretchLastSection", "setStretchLastSection", "defaultSectionSize", "setDefaultSectionSize"),
+            *("resizeMode", "sectionResizeMode", "setSectionResizeMode", "hideSection", "showSection"),
+            *("ResizeMode", "Interactive", "Stretch", "Fixed", "ResizeToContents"),
+        ),
+    },
+    "qMRMLPlotView": {
+        "base": "qMRMLWidget",
+        "module": "slicer",
+        "members": ("mrmlPlotViewNode", "setMRMLPlotViewNode"),
+    },
+    "qSlicerScriptedLoadableModuleWidget": {
+        "base": "qMRMLWidget",
+        "module": "slicer",
+        "properties": {"isEntered": "bool"},
+        "members": ("self", "isEntered", "setup", "enter", "exit", "reload"),
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -43,46 +75,33 @@ def load():
     Returns
     -------
     dict of str to ClassRecord
-
-    Raises
-    ------
-    FileNotFoundError
-        If the record is not beside the project.
     """
     classes = {}
-    for module in MODULES:
-        for name, entry in json.loads((FOLDER / f"{module}.json").read_text()).items():
-            if "members" in entry:
-                classes[name] = _classRecord(module, name, entry)
-    # QHeaderView could not be recorded: it needs an orientation. What is used of it ran in Slicer all the same.
-    base = classes["QWidget"]
-    more = {"resizeMode", "setSectionResizeMode", "setStretchLastSection", "setDefaultSectionSize", "ResizeMode"}
-    more |= {"Interactive", "Stretch", "Fixed", "ResizeToContents", "sectionResizeMode", "hideSection", "showSection"}
-    properties = {**base.properties, "stretchLastSection": "bool", "defaultSectionSize": "int"}
-    classes["QHeaderView"] = ClassRecord(
-        "qt", "QHeaderView", properties, base.signals, base.slots, base.members | more | set(properties)
-    )
-    # Not recorded either; qMRMLPlotView as in the recipes, the other one as scripted modules use it.
-    base = classes["qMRMLWidget"]
-    for name, more, properties in (
-        ("qMRMLPlotView", {"mrmlPlotViewNode", "setMRMLPlotViewNode"}, {}),
-        (
-            "qSlicerScriptedLoadableModuleWidget",
-            {"self", "isEntered", "setup", "enter", "exit", "reload"},
-            {"isEntered": "bool"},
-        ),
-    ):
-        properties = {**base.properties, **properties}
-        classes[name] = ClassRecord("slicer", name, properties, base.signals, base.slots, base.members | more)
+    entries = {**json.loads(FILE.read_text()), **_UNRECORDED}
+    for name, entry in unpack(entries).items():
+        signals = {}
+        for signature in sorted(entry["signals"]):
+            signals.setdefault(signature.partition("(")[0], []).append(signature)
+        slots, members = frozenset(entry["slots"]), frozenset(entry["members"])
+        classes[name] = ClassRecord(entries[name]["module"], name, entry["properties"], signals, slots, members)
     return classes
 
 
-def _classRecord(module, name, entry):
-    signals = {}
-    for signature in entry.get("signals", []):
-        signals.setdefault(signature.partition("(")[0], []).append(signature)
-    slots = frozenset(entry.get("slots", []))
-    return ClassRecord(module, name, entry.get("properties", {}), signals, slots, frozenset(entry["members"]))
+def unpack(entries):
+    """Complete each class by those it is like: {name: {"properties": {name: type}, "signals": set, ...}}."""
+    found = {}
+
+    def complete(name):
+        if name not in found:
+            entry = entries[name]
+            base = complete(entry["base"]) if "base" in entry else {"properties": {}}
+            found[name] = {part: base.get(part, set()) | set(entry.get(part, ())) for part in PARTS[1:]}
+            found[name]["properties"] = {**base["properties"], **entry.get("properties", {})}
+        return found[name]
+
+    for name in entries:
+        complete(name)
+    return found
 
 
 def argumentTypes(signature):

@@ -145,18 +145,12 @@ class qMRMLNodeComboBox(NodeList):
     def addAttribute(self, nodeType, name, value=None):
         self._attributes[nodeType, name] = value
 
-    def removeAttribute(self, nodeType, name):
-        self._attributes.pop((nodeType, name), None)
-
     def nodeCount(self):
         return len(self._listed())
 
     def nodeFromIndex(self, index):
         listed = self._listed()
         return listed[index] if 0 <= index < len(listed) else None
-
-    def setCurrentNodeIndex(self, index):
-        self.setCurrentNode(self.nodeFromIndex(index))
 
     def _choose(self, node):
         """A user chooses a node that is listed."""
@@ -241,9 +235,6 @@ class qMRMLSegmentSelectorWidget(NodeList):
         super().__init__(*arguments)
         self._segment = ""
 
-    def currentNodeID(self):
-        return self._node.GetID() if self._node is not None else ""
-
     def currentSegmentID(self):
         if self._segment and self._segment not in self.segmentIDs():
             # In place of a segment that was removed it takes the first one, and says so.
@@ -294,20 +285,9 @@ class qSlicerMarkupsPlaceWidget(NodeChooser):
     def deleteButton(self):
         return self._buttons[1]
 
-    def currentMarkupsNode(self):
-        return self._node
-
-    currentMarkupsFiducialNode = currentMarkupsNode
-
     def deleteLastPoint(self):
         if self._node is not None and self._node.GetNumberOfControlPoints():
             self._node.RemoveNthControlPoint(self._node.GetNumberOfControlPoints() - 1)
-
-    def deleteAllPoints(self):
-        if self._node is not None:
-            self._node.RemoveAllControlPoints()
-
-    deleteLastMarkup, deleteAllMarkups = deleteLastPoint, deleteAllPoints
 
     def interactionNode(self):
         return slicer.app.applicationLogic().GetInteractionNode()

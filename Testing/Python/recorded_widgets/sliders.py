@@ -16,18 +16,6 @@ class Numbered(QWidget, record=False):
         self._set("minimum", minimum)
         self._set("maximum", maximum)
 
-    def setValueIfDifferent(self, value):
-        self._set("value", value)
-
-    def stepUp(self):
-        self._set("value", self._get("value") + self._get("singleStep"))
-
-    def stepDown(self):
-        self._set("value", self._get("value") - self._get("singleStep"))
-
-    def reset(self):
-        self._set("value", self._get("minimum"))
-
     def _set_minimum(self, value):
         self._store("minimum", value)
         self._store("maximum", max(value, self._get("maximum")))
@@ -84,18 +72,6 @@ class QDoubleSpinBox(Numbered):
         super()._set_value(round(value, self._get("decimals")))
 
 
-class ctkDoubleSpinBox(Numbered):
-    """Real numbers; rounded where they are shown, but not those that it is given."""
-
-    _defaults = QDoubleSpinBox._defaults
-
-
-class QSlider(Numbered):
-    """Whole numbers."""
-
-    _defaults = {**SHOWN, "maximum": 99, "singleStep": 1}
-
-
 class ctkSliderWidget(Numbered):
     """Real numbers, with a slider and a spin box."""
 
@@ -126,9 +102,6 @@ class ctkRangeWidget(QWidget):
                 self._emit(f"{name}Changed", value)
         if any(changed.values()):
             self._emit("valuesChanged", low, high)
-
-    def reset(self):
-        self.setValues(self._get("minimum"), self._get("maximum"))
 
     def _set_singleStep(self, value):
         # As ctk: what is longer than the range is refused.

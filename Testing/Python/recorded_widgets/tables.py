@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from . import enums
 from .base import Recorded
-from .things import QSize
+from .value_types import QSize
 from .widgets import QWidget
 
 SELECTABLE, EDITABLE, ENABLED = 1, 2, 32
@@ -43,12 +43,6 @@ class QTableWidgetItem(Recorded):
     def setIcon(self, icon):
         self.setData(1, icon)
 
-    def checkState(self):
-        return self._data.get(10, 0)
-
-    def setCheckState(self, state):
-        self.setData(10, int(state))
-
     def flags(self):
         return self._flags
 
@@ -69,9 +63,6 @@ class QTableWidgetItem(Recorded):
     def isSelected(self):
         return self._table is not None and self.row() in self._table._selected
 
-    def setTextAlignment(self, alignment):
-        self.setData(7, alignment)
-
     def _place(self):
         if self._table is None:
             return -1, -1
@@ -91,12 +82,6 @@ class QHeaderView(QWidget):
 
     def _get_sizeHint(self):
         return QSize(100, 24)
-
-    def hideSection(self, section):
-        """Looks only."""
-
-    def showSection(self, section):
-        """Looks only."""
 
 
 class QTableWidget(QWidget):
@@ -133,12 +118,6 @@ class QTableWidget(QWidget):
         self._cells[row, column], item._table = item, self
         self._itemChanged(item)
 
-    def takeItem(self, row, column):
-        item = self._cells.pop((row, column), None)
-        if item is not None:
-            item._table = None
-        return item
-
     def cellWidget(self, row, column):
         return self._widgets.get((row, column))
 
@@ -146,9 +125,6 @@ class QTableWidget(QWidget):
         self._drop(self._widgets, (row, column))
         self._widgets[row, column] = widget
         widget._adoptedBy(self)
-
-    def removeCellWidget(self, row, column):
-        self._drop(self._widgets, (row, column))
 
     def currentRow(self):
         return self._current[0]
@@ -161,9 +137,6 @@ class QTableWidget(QWidget):
 
     def setCurrentCell(self, row, column, *command):
         self._go(row, column, select=True)
-
-    def setCurrentItem(self, item):
-        self._go(item.row(), item.column(), select=True)
 
     def selectRow(self, row):
         if 0 <= row < self._rows:
@@ -182,22 +155,7 @@ class QTableWidget(QWidget):
         if 0 <= row < self._rows:
             self._shift(row, -1)
 
-    def clearContents(self):
-        for held in (self._cells, self._widgets):
-            for place in list(held):
-                self._drop(held, place)
-
-    def clear(self):
-        self.clearContents()
-        self._titles.clear()
-
     def resizeColumnsToContents(self):
-        """Looks only."""
-
-    def resizeRowsToContents(self):
-        """Looks only."""
-
-    def scrollToItem(self, item):
         """Looks only."""
 
     def _click(self, row, column=0):

@@ -39,21 +39,8 @@ class QWidget(Recorded):
     def setDisabled(self, disabled):
         self._set("enabled", not disabled)
 
-    def parentWidget(self):
-        return self._owner
-
     def window(self):
         return self if self._owner is None else self._owner.window()
-
-    def addAction(self, action):
-        self._actions = [*self.actions(), action]
-        return action
-
-    def actions(self):
-        return list(getattr(self, "_actions", ())) if "_actions" in self.__dict__ else []
-
-    def setFixedSize(self, *size):
-        """Looks only."""
 
     def _get_visible(self):
         owner = self._owner
@@ -90,36 +77,12 @@ class Layout(Recorded, record=False):
     def addWidget(self, widget, *place):
         self._add(widget)
 
-    def insertWidget(self, index, widget, *place):
-        self._add(widget, index)
-
-    def addLayout(self, layout, *place):
-        self._add(layout)
-
     def addRow(self, *entries):
         for entry in entries:
             self._add(entry)
 
     def addStretch(self, stretch=0):
         self._entries.append(None)
-
-    def addSpacing(self, size):
-        self._entries.append(None)
-
-    def addItem(self, item, *place):
-        self._entries.append(item)
-
-    def removeWidget(self, widget):
-        self._entries.remove(widget)
-
-    def itemAt(self, index):
-        return self._entries[index]
-
-    def removeItem(self, item):
-        self._entries.remove(item)
-
-    def count(self):
-        return len(self._entries)
 
     def _add(self, entry, index=None):
         self._entries.insert(len(self._entries) if index is None else index, entry)
@@ -151,10 +114,6 @@ class QHBoxLayout(Layout):
 
 class QFormLayout(Layout):
     """Labels and fields."""
-
-
-class QGridLayout(Layout):
-    """Rows and columns."""
 
 
 class QLabel(QWidget):
@@ -206,12 +165,6 @@ class Button(Checkable, QWidget, record=False):
     def _nextState(self):
         self.toggle()
 
-    def setMenu(self, menu):
-        self._menu = menu
-
-    def menu(self):
-        return self.__dict__.get("_menu")
-
 
 class QPushButton(Button):
     """A button."""
@@ -219,12 +172,6 @@ class QPushButton(Button):
 
 class QToolButton(Button):
     """A small button."""
-
-    def setDefaultAction(self, action):
-        self._action = action
-
-    def defaultAction(self):
-        return self.__dict__.get("_action")
 
 
 class QCheckBox(Button):
@@ -241,35 +188,6 @@ class QCheckBox(Button):
     def _set_checked(self, value):
         if self._store("checked", value):
             self._emit("stateChanged", self.checkState())
-
-
-class QAction(Checkable):
-    """An entry of a menu."""
-
-    def trigger(self):
-        self.toggle()
-        self._emit("triggered", self._get("checked"))
-
-
-class QMenu(QWidget):
-    """Actions, one below the other."""
-
-    def addAction(self, action, handler=None):
-        if isinstance(action, str):
-            action = QAction(action, self)
-        if handler is not None:
-            action._connect("triggered", None, handler)
-        action._connect("triggered", None, lambda: self._emit("triggered", action))
-        return super().addAction(action)
-
-    def addSeparator(self):
-        """Looks only."""
-
-    def clear(self):
-        self._actions = []
-
-    def isEmpty(self):
-        return not self.actions()
 
 
 class QComboBox(QWidget):
@@ -294,10 +212,6 @@ class QComboBox(QWidget):
         self._items.clear()
         self._goTo(-1)
 
-    def removeItem(self, index):
-        del self._items[index]
-        self._goTo(min(self._index - (index < self._index), len(self._items) - 1))
-
     def itemText(self, index):
         return self._items[index][0] if 0 <= index < len(self._items) else ""
 
@@ -307,9 +221,6 @@ class QComboBox(QWidget):
     def setItemData(self, index, data, role=256):
         if int(role) == 256:
             self._items[index][1] = data
-
-    def setItemText(self, index, text):
-        self._items[index][0] = text
 
     def findText(self, text):
         return next((index for index, item in enumerate(self._items) if item[0] == text), -1)
@@ -363,9 +274,6 @@ class QProgressBar(QWidget):
     def setRange(self, minimum, maximum):
         self._set("minimum", minimum)
         self._set("maximum", maximum)
-
-    def reset(self):
-        self._store("value", self._get("minimum") - 1)
 
     def _set_value(self, value):
         low, high = self._get("minimum"), self._get("maximum")

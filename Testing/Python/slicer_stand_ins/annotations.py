@@ -45,39 +45,6 @@ class RangeBounds(WithinRange):
         return self.minimum <= value.minimum or value.maximum > self.maximum
 
 
-class Minimum(Validator):
-    """Annotation: the smallest value."""
-
-    def __init__(self, minimum):
-        super().__init__(minimum)
-        self.minimum = minimum
-
-    def allows(self, value):
-        return value >= self.minimum
-
-
-class Maximum(Validator):
-    """Annotation: the largest value."""
-
-    def __init__(self, maximum):
-        super().__init__(maximum)
-        self.maximum = maximum
-
-    def allows(self, value):
-        return value <= self.maximum
-
-
-class Choice(Validator):
-    """Annotation: the values there are."""
-
-    def __init__(self, choices):
-        super().__init__(*choices)
-        self.choices = choices
-
-    def allows(self, value):
-        return value in self.choices
-
-
 class FloatRange:
     """Two numbers, the first not above the second."""
 

@@ -7,8 +7,8 @@ import typing
 
 import slicer
 
-from .annotations import Choice, Default, FloatRange, Maximum, Minimum, RangeBounds, WithinRange
-from .values import split
+from .annotations import Default, FloatRange, RangeBounds, WithinRange
+from .serializers import split
 
 
 class Connector:
@@ -48,49 +48,31 @@ class CheckBox(Connector):
     signal, property = "stateChanged", "checked"
 
 
-class CheckableButton(Connector):
-    """bool in a push button."""
-
-    signal, property = "toggled", "checked"
-
-    def prepare(self):
-        self.widget.checkable = True
-
-
 class LineEdit(Connector):
     """str in a line edit."""
 
     signal, property = "textChanged", "text"
 
 
-class Label(LineEdit):
-    """str in a label, which nobody can change by hand."""
-
-    def onChanged(self, callback):
-        """A label has no signal."""
-
-
 class WholeNumber(Connector):
-    """int in a spin box or slider of Qt."""
+    """int in a spin box."""
 
     signal, property = "valueChanged", "value"
     lowest, highest = -(2**31), 2**31 - 1
-    needBounds = ("QSlider",)
 
     def prepare(self):
-        within, low, high = (self.annotation(cls) for cls in (WithinRange, Minimum, Maximum))
-        if type(self.widget).__name__ in self.needBounds and within is None and (low is None or high is None):
-            msg = f"Cannot have a connection to {type(self.widget).__name__} where the type is unbounded."
+        within = self.annotation(WithinRange)
+        if within is None and type(self.widget).__name__ == "ctkSliderWidget":
+            msg = "Cannot have a connection to ctkSliderWidget where the type is unbounded."
             raise RuntimeError(msg)
-        self.widget.minimum = within.minimum if within else low.minimum if low else self.lowest
-        self.widget.maximum = within.maximum if within else high.maximum if high else self.highest
+        self.widget.minimum = within.minimum if within else self.lowest
+        self.widget.maximum = within.maximum if within else self.highest
 
 
 class RealNumber(WholeNumber):
     """float or int in a widget for real numbers."""
 
     lowest, highest = -float("inf"), float("inf")
-    needBounds = ("ctkSliderWidget", "qMRMLSliderWidget")
 
     def prepare(self):
         if self.type is int:
@@ -101,43 +83,25 @@ class RealNumber(WholeNumber):
         return self.type(self.widget.value)
 
 
-class Choices(Connector):
-    """One of some values in a combo box."""
+class EnumChoices(Connector):
+    """A member of an enum in a combo box, shown by its label() or its name."""
 
     signal = "currentIndexChanged"
-
-    def prepare(self):
-        choice = self.annotation(Choice)
-        if choice is None:
-            msg = "ComboBoxToStringableConnector requires the Choice annotation to be used."
-            raise RuntimeError(msg)
-        self.values = list(choice.choices)
-        self.fill([str(value) for value in self.values])
-
-    def fill(self, labels):
-        self.widget.clear()
-        for label in labels:
-            self.widget.addItem(label)
-
-    def read(self):
-        return self.values[self.widget.currentIndex]
-
-    def write(self, value):
-        if value not in self.values:
-            msg = f"Unable to find value {value} in choices {self.values}"
-            raise ValueError(msg)
-        self.widget.currentIndex = self.values.index(value)
-
-
-class EnumChoices(Choices):
-    """A member of an enum in a combo box, shown by its label() or its name."""
 
     def prepare(self):
         self.values = list(self.type)
         label = getattr(self.type, "label", lambda member: member.name)
         saved = self.read()
-        self.fill([label(member) for member in self.values])
+        self.widget.clear()
+        for member in self.values:
+            self.widget.addItem(label(member))
         self.write(saved)
+
+    def read(self):
+        return self.values[self.widget.currentIndex]
+
+    def write(self, value):
+        self.widget.currentIndex = self.values.index(value)
 
 
 class RangeEnds(Connector):
@@ -179,21 +143,20 @@ class NodeChoice(Connector):
 
 
 CONNECTORS = {
-    bool: {"QCheckBox": CheckBox, "QPushButton": CheckableButton},
-    int: {"QSpinBox": WholeNumber, "QSlider": WholeNumber, "QComboBox": Choices},
-    float: {"QComboBox": Choices},
-    str: {"QLineEdit": LineEdit, "QLabel": Label, "QComboBox": Choices},
-    FloatRange: {"ctkRangeWidget": RangeEnds, "qMRMLRangeWidget": RangeEnds},
+    (bool, "QCheckBox"): CheckBox,
+    (int, "QSpinBox"): WholeNumber,
+    (str, "QLineEdit"): LineEdit,
+    (FloatRange, "ctkRangeWidget"): RangeEnds,
 }
-for _name in ("QDoubleSpinBox", "ctkSliderWidget", "ctkDoubleSpinBox", "qMRMLSliderWidget"):
-    CONNECTORS[float][_name] = CONNECTORS[int][_name] = RealNumber
+for _name in ("QDoubleSpinBox", "ctkSliderWidget"):
+    CONNECTORS[float, _name] = CONNECTORS[int, _name] = RealNumber
 
 
 def connectorFor(widget, hint):
     """A connector for a widget and a type; RuntimeError if there is none."""
     type_, annotations = split(hint)
     widgetName = type(widget).__name__
-    found = CONNECTORS.get(type_, {}).get(widgetName)
+    found = CONNECTORS.get((type_, widgetName))
     if isinstance(type_, type) and issubclass(type_, enum.Enum) and widgetName == "QComboBox":
         found = EnumChoices
     nodes = (type(None), slicer.vtkMRMLNode)

@@ -10,7 +10,7 @@ import vtk
 
 from .annotations import Default
 from .connectors import connectorFor
-from .values import split, storedAs
+from .serializers import split, storedAs
 
 
 class Parameter:

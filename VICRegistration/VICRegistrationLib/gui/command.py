@@ -17,8 +17,6 @@ end_with_stdin()
 from VICRegistrationLib.cli import main
 sys.exit(main(program=""))
 """
-# How long a process that was asked to end may take to tidy up, ms.
-_PATIENCE_MS = 3000
 
 
 class Command:
@@ -33,10 +31,12 @@ class Command:
     onEnd : callable
         Called once with its exit code, which is 0, or another one if it failed, crashed or was cancelled; and with what
         it printed as its result.
+    patience : int
+        How long the process may take to remove its drafts after it was cancelled, before it is killed, ms.
     """
 
-    def __init__(self, arguments, onLine, onEnd):
-        self._onLine, self._onEnd, self._rest = onLine, onEnd, ""
+    def __init__(self, arguments, onLine, onEnd, *, patience=3000):
+        self._onLine, self._onEnd, self._rest, self._patience = onLine, onEnd, "", patience
         self._process = qt.QProcess()
         # Progress comes by the one channel, the result by the other.
         self._process.setProcessChannelMode(qt.QProcess.SeparateChannels)
@@ -50,7 +50,7 @@ class Command:
         """Ask the process to end, and end it if it does not."""
         # Slicer's Python runs behind a launcher, which hands on what is written, but no signal.
         self._process.closeWriteChannel()
-        qt.QTimer.singleShot(_PATIENCE_MS, self._kill)
+        qt.QTimer.singleShot(self._patience, self._kill)
 
     def _kill(self):
         if self._process.state() != qt.QProcess.NotRunning:

@@ -32,7 +32,7 @@ def install():
     _module("slicer.i18n", tr=scripted.tr, translate=scripted.translate, getContext=scripted.getContext)
     bases = [cls for name, cls in vars(scripted).items() if name.startswith("ScriptedLoadableModule")]
     _module("slicer.ScriptedLoadableModule", **{cls.__name__: cls for cls in bases})
-    names = ("Default", "FloatRange", "WithinRange", "RangeBounds", "Minimum", "Maximum", "Choice", "Validator")
+    names = ("Default", "FloatRange", "WithinRange", "RangeBounds")
     _module(
         "slicer.parameterNodeWrapper",
         **{name: getattr(annotations, name) for name in names},
@@ -79,7 +79,7 @@ def loadModule(path):
 
 
 def _module(name, **members):
-    module = ModuleType(name, "A stand-in of the bench; what is not in it, is not used by this project.")
+    module = ModuleType(name, "A stand-in; what is not in it, is not used by this project.")
     vars(module).update(members)
     sys.modules[name] = module
     parent, _, last = name.rpartition(".")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import weakref
 
 from .base import Recorded, call
-from .loop import LOOP
-from .widgets import QWidget
+from .event_loop import LOOP
 
 
 class QTimer(Recorded):
@@ -59,7 +58,7 @@ class QTimer(Recorded):
 
 
 class Value(Recorded, record=False):
-    """Base of things that are compared by what they are."""
+    """Base of objects that are compared by what they are."""
 
     def __eq__(self, other):
         return type(other) is type(self) and self._key() == other._key()
@@ -88,10 +87,6 @@ class QColor(Value):
         color.setRgbF(red, green, blue, alpha)
         return color
 
-    @staticmethod
-    def fromRgb(red, green, blue, alpha=255):
-        return QColor(red, green, blue, alpha)
-
     def setRgbF(self, *channels):
         if not all(0 <= channel <= 1 for channel in channels):
             msg = f"QColor::setRgbF: parameters out of range: {channels}"
@@ -107,21 +102,6 @@ class QColor(Value):
 
     def blueF(self):
         return self._channels[2]
-
-    def alphaF(self):
-        return self._channels[3]
-
-    def red(self):
-        return round(self._channels[0] * 255)
-
-    def green(self):
-        return round(self._channels[1] * 255)
-
-    def blue(self):
-        return round(self._channels[2] * 255)
-
-    def alpha(self):
-        return round(self._channels[3] * 255)
 
     def name(self, *form):
         return "#" + "".join(f"{round(channel * 255):02x}" for channel in self._channels[:3])
@@ -152,10 +132,6 @@ class QIcon(Value):
 
     def _key(self):
         return self._path
-
-
-class QPixmap(QIcon):
-    """A picture."""
 
 
 class QSize(Value):
@@ -196,16 +172,8 @@ class QSettings(Recorded):
         self._stored.pop(key, None)
 
 
-class QMessageBox(QWidget):
-    """Its names are there; nobody answers, so showing one is an error in a test."""
-
-    def exec_(self):
-        msg = f"A message box asks: {self._get('text')}; give the answer by a function of the test"
-        raise AssertionError(msg)
-
-
 class QApplication:
-    """The cursor and the event loop."""
+    """The cursor, which slicer.util.WaitCursor changes; this class was not recorded."""
 
     __slots__ = ()
     cursors: list = []
@@ -217,7 +185,3 @@ class QApplication:
     @classmethod
     def restoreOverrideCursor(cls):
         cls.cursors.pop()
-
-    @staticmethod
-    def processEvents(*arguments):
-        LOOP.processEvents()

@@ -5,12 +5,15 @@ from __future__ import annotations
 import heapq
 import itertools
 
+# So many rounds without anything to do are no wait any more.
+IDLE_ROUNDS = 1000
+
 
 class EventLoop:
     """Runs what is due, in order of time."""
 
     def __init__(self):
-        self._queue, self._order, self.now = [], itertools.count(), 0
+        self._queue, self._order, self.now, self._idle = [], itertools.count(), 0, 0
 
     def post(self, milliseconds, call):
         """Have something called later.
@@ -30,8 +33,18 @@ class EventLoop:
         return entry
 
     def processEvents(self, *arguments):
-        """One round: what is due now, or else what comes next; what is posted meanwhile waits for another round."""
-        self._drop()
+        """One round: what is due now, or else what comes next; what is posted meanwhile waits for another round.
+
+        Raises
+        ------
+        AssertionError
+            If nothing was waiting in many rounds in a row: what the caller waits for never comes.
+        """
+        self._idle = 0 if self._drop() else self._idle + 1
+        if self._idle > IDLE_ROUNDS:
+            self._idle = 0
+            msg = "the condition does not hold, and no timer is waiting"
+            raise AssertionError(msg)
         if self._queue:
             self._round(max(self.now, self._queue[0][0]))
 
@@ -42,17 +55,10 @@ class EventLoop:
             self._round(self._queue[0][0])
         self.now = end
 
-    def waitFor(self, condition, rounds=100000):
+    def waitFor(self, condition):
         """Process events until a condition holds; AssertionError if nothing is left to wait for."""
-        for _ in range(rounds):
-            if condition():
-                return
-            if not self._drop():
-                break
+        while not condition():
             self.processEvents()
-        if not condition():
-            msg = "the condition does not hold, and no timer is waiting" if not self._queue else "it never holds"
-            raise AssertionError(msg)
 
     def clear(self):
         """Forget what waits."""

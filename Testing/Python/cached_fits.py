@@ -1,0 +1,61 @@
+"""Separations and fits that are run once per process for all tests that ask for the same ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+
+import numpy as np
+
+from VICRegistrationLib.registration import organ
+from VICRegistrationLib.segmentation import separation
+
+# Results by the digest of the arguments.
+_results = {}
+
+
+def install(monkeypatch):
+    """Keep the results of separations and fits; a fit that was cancelled or failed is not kept."""
+    monkeypatch.setattr(separation, "separate", _cached(separation.separate))
+    for name in ("fit_region", "refit"):
+        monkeypatch.setattr(organ, name, _cached_steps(getattr(organ, name)))
+
+
+def _cached(function):
+    def cached(*arguments, **options):
+        key = _key(function, arguments, options)
+        if key not in _results:
+            _results[key] = function(*arguments, **options)
+        return _results[key]
+
+    return cached
+
+
+def _cached_steps(function):
+    def cached(*arguments, **options):
+        key = _key(function, arguments, options)
+        if key in _results:
+            yield from _results[key].history
+        else:
+            _results[key] = yield from function(*arguments, **options)
+        return _results[key]
+
+    return cached
+
+
+def _key(function, arguments, options):
+    """Digest of all numbers that go into a function."""
+    digest = hashlib.blake2b(function.__name__.encode())
+    for value in (*arguments, *(part for item in sorted(options.items()) for part in item)):
+        _add(digest, value)
+    return digest.digest()
+
+
+def _add(digest, value):
+    if dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            _add(digest, getattr(value, field.name))
+    elif isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode() + value.tobytes())
+    else:
+        digest.update(repr(value).encode())
