@@ -16,7 +16,7 @@ from scipy import ndimage
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "VICRegistration"), str(ROOT / "Testing" / "Python")]
 
-from slicer_stand_ins.bench import install
+from slicer_stand_ins.install import install
 
 APPLICATION = install().application
 

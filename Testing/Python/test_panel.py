@@ -100,7 +100,7 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("recorded")
 def test_the_last_line_of_a_command_that_fails_is_the_sentence_to_show(tmp_path):
-    from recorded_widgets.loop import LOOP
+    from recorded_widgets.event_loop import LOOP
 
     from VICRegistrationLib.gui.command import Command
 

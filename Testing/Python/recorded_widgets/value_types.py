@@ -155,7 +155,7 @@ class QSize(Value):
 
 
 class QSettings(Recorded):
-    """Settings, remembered until the process ends."""
+    """Settings, kept until the process ends."""
 
     _stored: dict = {}
 
