@@ -10,9 +10,7 @@ from vtkmodules.vtkCommonDataModel import VTK_QUADRATIC_TETRA, VTK_QUADRATIC_TRI
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 from VICRegistrationLib.export.frames import RAS_TO_LPS
-from VICRegistrationLib.meshing.elements import EDGES
-from VICRegistrationLib.meshing.groups import faces_of
-from VICRegistrationLib.meshing.tetrahedra import TetrahedralMesh
+from VICRegistrationLib.meshing.elements import EDGES, TetrahedralMesh, faces_of
 
 SIDE, CELLS = 10.0, 4
 

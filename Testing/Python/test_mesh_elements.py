@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from small_tetrahedra import SIDE, cube
 
-from VICRegistrationLib.meshing.elements import NODES, scaled_jacobians, volumes
-from VICRegistrationLib.meshing.groups import faces_of
-from VICRegistrationLib.meshing.options import MeshOptions
-from VICRegistrationLib.meshing.quality import quality, triangle_areas
+from VICRegistrationLib.meshing.elements import NODES, faces_of, scaled_jacobians, volumes
+from VICRegistrationLib.meshing.quality import quality
+from VICRegistrationLib.meshing.regions import MeshOptions
 
 REGULAR = np.array([[1.0, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]])
 ONE = np.array([[0, 1, 2, 3]])
@@ -80,10 +79,13 @@ def test_the_report_counts_and_measures(order):
     assert json.loads(json.dumps(report.as_json(), allow_nan=False))["tetrahedra"] == 384
 
 
-def test_areas_of_six_nodes_follow_the_curve():
-    # Half of a unit square, its hypotenuse bent outward.
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0, 0], [0.6, 0.6, 0], [0, 0.5, 0]])
-    assert triangle_areas(points, np.arange(6)[None])[0] > 0.5
+def test_areas_of_curved_faces_follow_the_curve():
+    mesh = cube(order=2)
+    straight = quality(mesh).surfaces["left_surface"]["area"]
+    face = mesh.triangles[mesh.triangle_groups["left_surface"][0]]
+    corners = mesh.points[face[:3]]
+    mesh.points[face[3]] += 0.1 * np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    assert quality(mesh).surfaces["left_surface"]["area"] > straight
 
 
 @pytest.mark.parametrize(
@@ -92,7 +94,7 @@ def test_areas_of_six_nodes_follow_the_curve():
         ({"size": 0.0}, "size of the elements of 0 mm"),
         ({"size": float("nan")}, "size of the elements of nan mm"),
         ({"order": 3}, "order 3"),
-        ({"tool": "tetgen"}, "tetgen"),
+        ({"patches": (0, 2)}, "whole numbers from 1 to 32"),
         ({"wall": -1.0}, "thickness of the wall of -1 mm"),
         ({"time_limit": 0.0}, "time limit of 0 s"),
         ({"volume_error": 0.0}, "volume error of 0"),

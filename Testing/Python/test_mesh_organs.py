@@ -1,4 +1,4 @@
-"""Tetrahedra in organs by gmsh and Netgen: shape, volume, groups, common nodes."""
+"""Tetrahedra in organs by gmsh: shape, volume, groups, common nodes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from VICRegistrationLib.export.step import Solid
 from VICRegistrationLib.geometry.models import bell, closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.validity import check_surface
-from VICRegistrationLib.meshing.elements import scaled_jacobians, volumes
-from VICRegistrationLib.meshing.groups import faces_of
-from VICRegistrationLib.meshing.options import MeshOptions
+from VICRegistrationLib.meshing.elements import faces_of, scaled_jacobians, volumes
+from VICRegistrationLib.meshing.groups import second_order
+from VICRegistrationLib.meshing.organ_meshes import mesh_organs
 from VICRegistrationLib.meshing.process import MeshingError
 from VICRegistrationLib.meshing.quality import quality
-from VICRegistrationLib.meshing.second_order import second_order
-from VICRegistrationLib.meshing.tetrahedra import mesh_organs
+from VICRegistrationLib.meshing.regions import MeshOptions
 from VICRegistrationLib.phantoms.organs import pelvic_organs
 
 ORGANS = pelvic_organs()
@@ -157,18 +156,6 @@ def test_an_organ_inside_of_one_named_before_it_is_refused_and_meshed_the_other_
     assert quality(mesh).volume == pytest.approx(outer.surface.volume(), rel=0.03)
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_netgen_meshes_too(order):
-    pytest.importorskip("netgen.occ", reason="Netgen is not installed", exc_type=ImportError)
-    organs = [ball(0.0, 15.0, "one"), ball(28.0, 15.0, "two")]
-    mesh = mesh_organs(organs, MeshOptions(size=6.0, order=order, tool="netgen"))
-    report = quality(mesh)
-    assert report.inverted == 0
-    assert report.scaled_jacobian_min > 0.05
-    assert set(mesh.triangle_groups) == {"one_surface", "two_surface", "one_two_interface"}
-    assert report.volume_ratio == pytest.approx(1.0, abs=0.02)
-
-
 def test_curving_never_spoils_an_element():
     """A flat element at the surface of a small ball: fully curved it would be turned inside out."""
     surface = closed_organ((13, 11), axes=10.0 * np.eye(3))
@@ -195,13 +182,11 @@ def test_what_is_no_solid_is_refused_before_meshing():
 
 @pytest.mark.parametrize("options", [{"size": 0.01}, {"wall": 1e-6}], ids=["tiny elements", "tiny wall"])
 def test_a_mesh_that_would_fill_the_memory_is_refused_before_it_is_begun(options):
-    gmsh_or_skip()
     with pytest.raises(ValueError, match=r"would be about .* tetrahedra, more than .*; choose larger elements"):
         mesh_organs([Solid("ball", closed_organ(axes=10.0 * np.eye(3)))], MeshOptions(**options))
 
 
 def test_surfaces_are_cut_into_patches_for_loads_and_contacts():
-    gmsh_or_skip()
     ball = closed_organ(axes=10.0 * np.eye(3))
     mesh = mesh_organs([Solid("ball", ball)], MeshOptions(size=4.0, patches=(4, 2)))
     names = {f"ball_surface_{around}_{along}" for around in range(1, 5) for along in (1, 2)}

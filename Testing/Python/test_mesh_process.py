@@ -1,11 +1,14 @@
-"""Meshers that crash, hang, complain or return nonsense: one message and no file."""
+"""A gmsh that crashes, hangs, complains or returns nonsense: one message and no file."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,19 +17,19 @@ from VICRegistrationLib import cli
 from VICRegistrationLib.export.step import Solid
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import write_surface
-from VICRegistrationLib.meshing import tetrahedra
-from VICRegistrationLib.meshing.options import MeshOptions
+from VICRegistrationLib.meshing import process
+from VICRegistrationLib.meshing.organ_meshes import mesh_organs
 from VICRegistrationLib.meshing.process import MeshingCancelled, MeshingError, run_worker
 
-STUB = """
+HEAD = """
 import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from VICRegistrationLib.meshing.worker import JobError, Workplace, main
-def work(place):
-{body}
-sys.exit(main(work, name="The stub"))
+from VICRegistrationLib.meshing.process import JobError, Workplace, main
 """
+# Takes the place of gmsh: the worker imports it and initializes it first.
+GMSH = HEAD + "def initialize(**options):\n    place = Workplace(Path(sys.argv[1]))\n    {body}\n    os._exit(0)\n"
+WORKER = HEAD + "def work(place):\n    {body}\nsys.exit(main(work))\n"
 POINTS = "np.array([[0., 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]])"
 RESULT = "place.finish({{'points': {points}, 'tetrahedra': np.array({cells}), 'regions': np.zeros({n}, int)}}, {notes})"
 NOTES = "{'volumes': [{'whole': 4 / 3 * np.pi * 8000 * 0.9998, 'given': {}}]}"
@@ -62,38 +65,29 @@ def ball():
 
 
 @pytest.fixture
-def stub(tmp_path, monkeypatch):
-    """Put a worker with the given body in the place of gmsh's."""
+def module(tmp_path, monkeypatch):
+    """Put a module where Python finds it before all others, here and in the worker."""
 
-    def install(body, *, head=""):
+    def install(name, text):
         folder = tmp_path / "modules"
         folder.mkdir(exist_ok=True)
-        (folder / "stub_worker.py").write_text(head + STUB.format(body=f"    {body}"))
+        (folder / f"{name}.py").write_text(text)
         monkeypatch.setenv("PYTHONPATH", str(folder))
-        monkeypatch.setattr(tetrahedra, "require_mesher", lambda tool: "stub_worker")
-        return "stub_worker"
+        monkeypatch.syspath_prepend(str(folder))
+        return name
 
     return install
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_a_faulty_mesher_leads_to_one_message_and_no_file(fault, stub, tmp_path, capsys):
+def test_a_faulty_mesher_leads_to_one_message_and_no_file(fault, module, tmp_path, capsys):
     body, told = FAULTS[fault]
-    stub(body or "pass", head="import a_module_that_is_not_there\n" if fault == "dies at import" else "")
+    module("gmsh", "import a_module_that_is_not_there" if fault == "dies at import" else GMSH.format(body=body))
     write_surface(ball(), tmp_path / "organ.json", name="organ")
-    limit = "1" if fault == "hangs" else "60"
-    words = [
-        "mesh",
-        tmp_path / "organ.json",
-        "--size",
-        "5",
-        "--time-limit",
-        limit,
-        "--output",
-        tmp_path / "out" / "m.msh",
-    ]
-    assert cli.main([*map(str, words), "--quiet"]) == 2
+    words = ["mesh", str(tmp_path / "organ.json"), "--size", "5", "--output", str(tmp_path / "out" / "m.msh")]
+    limit = ["--time-limit", "1"] if fault == "hangs" else []
+    assert cli.main([*words, *limit, "--quiet"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("vic-registration: error: ")
@@ -102,71 +96,58 @@ def test_a_faulty_mesher_leads_to_one_message_and_no_file(fault, stub, tmp_path,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["modules", "organ.json"]
 
 
-def test_a_good_result_comes_back_with_progress(stub):
-    module = stub("place.progress('half'); time.sleep(0.3); place.finish({'a': np.arange(3)}, {'b': 1})")
+def test_the_worker_finds_its_job_and_files_and_a_good_result_comes_back_with_progress(module):
+    body = "place.progress('half'); time.sleep(0.3); place.finish({'n': np.load(place.path('x.npz'))['a']}, place.job)"
     told = []
-    result = run_worker(module, {}, {}, name="The stub", time_limit=60.0, on_progress=told.append)
-    np.testing.assert_array_equal(result.arrays["a"], [0, 1, 2])
-    assert result.notes == {"b": 1}
+    stub = module("stub_worker", WORKER.format(body=body))
+    result = run_worker(stub, {"n": 7}, {"x.npz": {"a": np.arange(3)}}, on_progress=told.append)
+    np.testing.assert_array_equal(result.arrays["n"], [0, 1, 2])
+    assert result.notes["n"] == 7
     assert "half" in told
 
 
-def test_the_worker_finds_its_job_and_files(stub):
-    module = stub("place.finish({'n': np.array([place.job['n'], len(Path(place.path('x.bin')).read_bytes())])}, {})")
-    result = run_worker(module, {"n": 7}, {"x.bin": b"12345"}, name="The stub", time_limit=60.0)
-    np.testing.assert_array_equal(result.arrays["n"], [7, 5])
-
-
-def test_work_can_be_cancelled_and_leaves_no_process(stub, tmp_path):
-    module = stub(f"Path(r'{tmp_path / 'pid'}').write_text(str(os.getpid())); time.sleep(600)")
+def test_work_can_be_cancelled_and_leaves_no_process(module, tmp_path):
     started = tmp_path / "pid"
+    body = f"Path(r'{started}').write_text(str(os.getpid())); time.sleep(600)"
+    stub = module("stub_worker", WORKER.format(body=body))
     with pytest.raises(MeshingCancelled, match="cancelled"):
-        run_worker(module, {}, {}, name="The stub", time_limit=60.0, cancelled=started.exists)
-    if started.read_text() and sys.platform == "linux":
-        from pathlib import Path
-
+        run_worker(stub, {}, {}, cancelled=lambda: started.exists() and bool(started.read_text()))
+    if sys.platform == "linux":
         assert not Path("/proc", started.read_text()).exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_worker_ends_when_its_parent_is_gone(tmp_path):
     """Killed hard, the program cannot end its worker; the worker notices."""
-    if sys.platform != "linux":
-        pytest.skip("looks into /proc")
-    import os
-    import subprocess
-    from pathlib import Path
-
-    root = Path(__file__).resolve().parents[2] / "VICRegistration"
-    (tmp_path / "job.json").write_text(json.dumps({"time_limit": 60}))
-    worker = tmp_path / "child.py"
-    body = f"Path(r'{tmp_path / 'pid'}').write_text(str(os.getpid())); time.sleep(600)"
-    worker.write_text(STUB.format(body=f"    {body}"))
+    started, job, worker = (tmp_path / name for name in ("pid", "job.json", "child.py"))
+    job.write_text(json.dumps({"time_limit": 600}))
+    worker.write_text(WORKER.format(body=f"Path(r'{started}').write_text(str(os.getpid())); time.sleep(600)"))
     parent = (
         "import subprocess, sys, time\n"
-        f"subprocess.Popen([sys.executable, {str(worker)!r}, {str(tmp_path / 'job.json')!r}])\n"
-        f"from pathlib import Path\nwhile not Path({str(tmp_path / 'pid')!r}).exists(): time.sleep(0.05)\n"
+        "from pathlib import Path\n"
+        f"subprocess.Popen([sys.executable, {str(worker)!r}, {str(job)!r}])\n"
+        f"started = Path({str(started)!r})\n"
+        "while not (started.exists() and started.read_text()):\n"
+        "    time.sleep(0.05)\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(root)}
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
     subprocess.run([sys.executable, "-c", parent], env=environment, check=True)
-    child = Path("/proc", (tmp_path / "pid").read_text())
-    end = time.monotonic() + 20.0
-    while child.exists() and "zombie" not in (child / "status").read_text() and time.monotonic() < end:
+    child = Path("/proc", started.read_text())
+    while child.exists() and "zombie" not in (child / "status").read_text():
         time.sleep(0.1)
-    assert not child.exists() or "zombie" in (child / "status").read_text()
 
 
-def test_a_mesher_that_is_not_installed_is_told_with_the_way_to_install_it(monkeypatch):
-    monkeypatch.setattr(tetrahedra.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MeshingError, match=r"gmsh is not installed; .*vicregistration\[mesh\]"):
-        tetrahedra.mesh_organs([Solid("organ", ball())])
-    with pytest.raises(MeshingError, match="Netgen is not installed"):
-        tetrahedra.mesh_organs([Solid("organ", ball())], MeshOptions(tool="netgen"))
+def test_without_gmsh_the_way_to_install_it_is_told(monkeypatch):
+    monkeypatch.setattr(process.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(MeshingError, match=r"gmsh, which makes meshes, is not installed; .* pip install gmsh"):
+        mesh_organs([Solid("organ", ball())])
 
 
-def test_a_disk_without_room_for_temporary_files_is_told(monkeypatch, tmp_path, capsys):
+def test_a_disk_without_room_for_temporary_files_is_told(module, monkeypatch, tmp_path, capsys):
     def full(self, data):
         raise OSError(28, "No space left on device")
 
+    module("gmsh", "")
     write_surface(ball(), tmp_path / "organ.json")
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
     assert cli.main(["mesh", str(tmp_path / "organ.json"), "--output", str(tmp_path / "organ.msh")]) == 2

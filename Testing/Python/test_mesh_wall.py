@@ -80,10 +80,10 @@ def test_curvatures_of_an_ellipsoid_are_known_at_its_waist():
 def test_sizes_are_smaller_where_the_surface_is_curved_and_grow_away_from_there():
     surface = closed_organ((17, 13), axes=np.diag([10.0, 30.0, 60.0]))
     field = size_field([surface], 5, order=1, volume_error=0.005)
-    assert field.point_sizes.max() > 1.5 * field.point_sizes.min()
+    assert field.sizes.max() > 1.5 * field.sizes.min()
     assert field.sizes.dtype == float
     assert field.sizes.max() <= 5.0
     slope = max(np.abs(np.diff(field.sizes, axis=axis)).max() for axis in range(3)) / field.spacing
     assert slope <= 1.0
     coarse = size_field([surface], 5.0, order=1, volume_error=0.02)
-    assert coarse.point_sizes.mean() > field.point_sizes.mean()
+    assert coarse.sizes.mean() > field.sizes.mean()

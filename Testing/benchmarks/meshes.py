@@ -13,10 +13,10 @@ from random_organs import random_organ
 from VICRegistrationLib.export.step import Solid
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.validity import check_surface
-from VICRegistrationLib.meshing.options import MeshOptions
+from VICRegistrationLib.meshing.organ_meshes import mesh_organs
 from VICRegistrationLib.meshing.process import MeshingError
 from VICRegistrationLib.meshing.quality import quality
-from VICRegistrationLib.meshing.tetrahedra import mesh_organs
+from VICRegistrationLib.meshing.regions import MeshOptions
 from VICRegistrationLib.phantoms.organs import pelvic_organs
 from VICRegistrationLib.registration.organ import finish, fit_organ
 

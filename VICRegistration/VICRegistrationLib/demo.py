@@ -7,7 +7,6 @@ the fitted surfaces are from the true ones, and writes them as exact STEP solids
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -78,15 +77,12 @@ def _references(truths: Mapping[str, BSplineSurface], folder: Path) -> dict[str,
 
 def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     """Mesh the fitted organs together, and draw the mesh."""
-    if importlib.util.find_spec("gmsh") is None:
-        _say("No mesh: it needs gmsh; run pip install 'vicregistration[mesh]'.")
-        return
     from .cli.solids import colored_solids
     from .meshing.formats import write_tetrahedra
-    from .meshing.options import MeshOptions
+    from .meshing.organ_meshes import mesh_organs
     from .meshing.process import MeshingError
     from .meshing.quality import quality
-    from .meshing.tetrahedra import mesh_organs
+    from .meshing.regions import MeshOptions
     from .report.mesh_picture import mesh_picture
 
     _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
@@ -94,7 +90,7 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     try:
         mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
     except MeshingError as error:
-        # Everything else is there: gmsh may miss a library of the system.
+        # Everything else is there: gmsh may not be installed, or miss a library of the system.
         _say(f"No mesh: {error}")
         return
     with replacing_folder(directory) as drafts:

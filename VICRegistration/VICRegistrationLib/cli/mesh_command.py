@@ -1,4 +1,4 @@
-"""``vic-registration mesh``: surfaces as meshes of tetrahedra or of nearly equal triangles."""
+"""``vic-registration mesh``: surfaces as meshes of tetrahedra or of triangles of one size."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from ..export.mesh_files import MESH_SUFFIXES, write_ply, write_stl, write_vtp
 from ..export.step import Solid
 from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
-from ..meshing.formats import writer_for
-from ..meshing.options import TOOLS, MeshOptions
+from ..meshing.formats import mesh_format
+from ..meshing.regions import MeshOptions
 from . import validators
 from .console import argument, speaker
 from .solids import read_solids
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
-# Formats that know ASCII names only.
-ASCII_SUFFIXES = (".inp", ".bdf")
 
 _EPILOG = f"""\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is LPS mm; its ending chooses the format:
-  .msh   gmsh 4.1            .inp   Abaqus, CalculiX (solid elements only)
-  .vtu   VTK, ParaView       .bdf   Nastran (solid elements only)
-  .med   Salome, Code_Aster
+  .msh   gmsh 4.1             .med   Salome, Code_Aster
+  .vtu   VTK, ParaView        .unv   I-deas, Salome
+  .vtk   VTK's legacy format  .bdf   Nastran (triangles are elements too)
+  .inp   Abaqus, CalculiX (solid elements only)
 with groups for loads and contacts: NAME (or NAME_wall) of tetrahedra; NAME_surface (or NAME_inside and NAME_outside)
 and NAME_OTHER_interface of triangles; --patches 4x3 cuts surfaces into NAME_surface_I_J, four around the organ and
 three from pole to pole. FILE's name with .quality.json gets the report that is printed.
@@ -60,10 +59,9 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument(
         "--size", metavar="MM", type=argument(validators.number), default=_DEFAULT.size, help="edges (default: 3)"
     )
-    parser.add_argument("--surface", action="store_true", help="nearly equal triangles instead of tetrahedra")
+    parser.add_argument("--surface", action="store_true", help="triangles of one size instead of tetrahedra")
     inside = parser.add_argument_group("tetrahedra")
     inside.add_argument("--order", type=int, choices=(1, 2), help="linear (default) or second-order elements")
-    inside.add_argument("--tool", choices=TOOLS, help="program that makes the mesh (default: gmsh)")
     inside.add_argument(
         "--wall", metavar="MM", type=argument(validators.number), help="thickness of the wall of hollow organs"
     )
@@ -84,7 +82,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
         metavar="S",
         type=argument(validators.number),
         default=_DEFAULT.time_limit,
-        help="seconds after which the program is ended (default: 600)",
+        help="seconds after which gmsh is ended (default: 600)",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -104,7 +102,7 @@ def run(options: argparse.Namespace) -> None:
     target = Path(folder_name(options.output))
     chosen = {
         word: getattr(options, word)
-        for word in ("order", "tool", "wall", "patches", "volume_error")
+        for word in ("order", "wall", "patches", "volume_error")
         if getattr(options, word) is not None
     }
     _check_target(target, options, chosen)
@@ -132,7 +130,7 @@ def run(options: argparse.Namespace) -> None:
 def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> None:
     """Refuse, before anything is computed, what cannot be written."""
     if not options.surface:
-        writer_for(target)
+        mesh_format(target)
     else:
         if target.suffix.lower() not in MESH_SUFFIXES:
             msg = f"{target.name} was asked for; triangles need a name that ends in {', '.join(MESH_SUFFIXES)}."
@@ -149,29 +147,26 @@ def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> No
 def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
     """Write the mesh; returns the report for people and for programs."""
     from ..meshing.formats import write_tetrahedra
+    from ..meshing.organ_meshes import mesh_organs
     from ..meshing.quality import quality
-    from ..meshing.tetrahedra import mesh_organs
-    from ..meshing.text_tables import ascii_names
 
     mesh = mesh_organs(solids, settings, on_progress=say)
     report = quality(mesh)
     say("writing")
-    write_tetrahedra(mesh, draft)
+    names = write_tetrahedra(mesh, draft)
     notes = list(mesh.notes)
-    used = {"size": settings.size, "order": settings.order, "tool": settings.tool, "wall": settings.wall}
-    if draft.suffix.lower() in ASCII_SUFFIXES:
-        # What the organs are called in the file, where that is not what they are called here.
-        used["names_in_file"] = ascii_names([*mesh.tetrahedron_groups, *mesh.triangle_groups])
+    used = {"size": settings.size, "order": settings.order, "wall": settings.wall, "names_in_file": names}
     return report.lines() + [f"note: {note}" for note in notes], {**used, **report.as_json(), "notes": notes}
 
 
 def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
     from dataclasses import asdict
 
-    from ..meshing.surface_mesh import surface_mesh, triangle_quality
+    from ..meshing.organ_meshes import mesh_surface
+    from ..meshing.quality import triangle_quality
 
     (solid,) = solids
-    mesh = surface_mesh(solid.surface, settings.size, name=solid.name, time_limit=settings.time_limit, on_progress=say)
+    mesh = mesh_surface(solid, settings, on_progress=say)
     if draft.suffix.lower() == ".vtp":
         write_vtp(mesh, solid.surface, draft, name=solid.name)
     else:

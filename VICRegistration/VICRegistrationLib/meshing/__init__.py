@@ -1,1 +1,1 @@
-"""Tetrahedral and surface meshes of organs by gmsh or Netgen, each in a process of its own."""
+"""Meshes of organs, tetrahedra and triangles, by gmsh in a process of its own."""

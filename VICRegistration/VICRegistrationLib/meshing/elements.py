@@ -1,10 +1,13 @@
-"""Tetrahedra with 4 or 10 nodes: faces, Jacobians, volumes.
+"""Meshes of tetrahedra with 4 or 10 nodes: their faces, volumes, and how well shaped they are.
 
 Nodes are numbered as in VTK and Abaqus: four corners, then the middles of the edges 01, 12, 20, 03, 13 and 23. The
 first three corners go counter-clockwise seen from the fourth.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,61 +20,100 @@ NODES = np.concatenate([_CORNERS, _CORNERS[EDGES].mean(axis=1)])
 _INNER = np.where(np.eye(4)[:, 1:] > 0, 0.5, 1.0 / 6.0)
 _KEAST_POINTS = np.concatenate([np.full((1, 3), 0.25), _INNER])
 _KEAST_WEIGHTS = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0
+# Corners and middles of a face of second order as four flat triangles.
+_QUARTERS = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
 # Elements whose Jacobians are held in memory at a time.
 _BLOCK = 50_000
 
 
-def shape_derivatives(order: int, places: np.ndarray) -> np.ndarray:
-    """Differentiate the shape functions.
-
-    Parameters
-    ----------
-    order : {1, 2}
-    places : (m, 3) array_like
-        Local coordinates in the unit tetrahedron.
-
-    Returns
-    -------
-    (m, 4 or 10, 3) ndarray
-    """
-    places = np.asarray(places, dtype=float)
-    gradients = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
-    if order == 1:
-        return np.broadcast_to(gradients, (len(places), 4, 3)).copy()
-    barycentric = np.column_stack([1.0 - places.sum(axis=1), places])
-    corners = (4.0 * barycentric[:, :, None] - 1.0) * gradients
-    first, second = EDGES.T
-    middles = 4.0 * (barycentric[:, first, None] * gradients[second] + barycentric[:, second, None] * gradients[first])
-    return np.concatenate([corners, middles], axis=1)
-
-
-def jacobians(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Differentiate the position by the local coordinates.
+@dataclass(frozen=True, eq=False)
+class TetrahedralMesh:
+    """Tetrahedra of one or several organs, and the triangles of their surfaces.
 
     Parameters
     ----------
     points : (n, 3) ndarray
+        RAS mm.
     tetrahedra : (m, 4 or 10) ndarray of int
-    places : (k, 3) array_like
+        Corners, with second order also the middles of the edges 01, 12, 20, 03, 13 and 23 (as VTK and Abaqus count).
+    tetrahedron_groups : dict of str to ndarray of int
+        Rows of `tetrahedra`: NAME of a solid organ, or NAME_wall. Every tetrahedron is in one group.
+    triangles : (t, 3 or 6) ndarray of int
+        Counter-clockwise seen from outside; with second order also the middles of the edges 01, 12 and 20.
+    triangle_groups : dict of str to ndarray of int
+        Rows of `triangles`: NAME_surface, or NAME_inside and NAME_outside of a wall, or NAME_surface_I_J of their
+        patches; and A_B_interface where two groups of tetrahedra meet. Every triangle is in one group.
+    exact_volumes : dict of str to float
+        Volumes of the exact solids by group of tetrahedra, mm^3.
+    notes : tuple of str
+        What the user should know: overlaps that were resolved, elements of poor shape.
+    """
+
+    points: np.ndarray
+    tetrahedra: np.ndarray
+    tetrahedron_groups: dict[str, np.ndarray]
+    triangles: np.ndarray
+    triangle_groups: dict[str, np.ndarray]
+    exact_volumes: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def order(self) -> int:
+        """1 for four nodes, 2 for ten."""
+        return 1 if self.tetrahedra.shape[1] == 4 else 2
+
+
+def faces_of(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All different faces of tetrahedra.
+
+    Parameters
+    ----------
+    tetrahedra : (m, 4 or 10) ndarray of int
 
     Returns
     -------
-    (m, k, 3, 3) ndarray
-        [..., i, j] is the derivative of coordinate i by the local coordinate j.
+    faces : (f, 3 or 6) ndarray of int
+        Nodes, counter-clockwise seen from outside of the first owner.
+    first, second : (f,) ndarray of int
+        The tetrahedra on both sides; `second` is -1 where there is none.
     """
-    derivatives = shape_derivatives(1 if tetrahedra.shape[1] == 4 else 2, places)
-    return np.einsum("mni,knj->mkij", points[tetrahedra], derivatives, optimize=True)
+    local = FACES[:, :3] if tetrahedra.shape[1] == 4 else FACES
+    faces = tetrahedra[:, local].transpose(1, 0, 2).reshape(-1, local.shape[1])
+    owner = np.tile(np.arange(len(tetrahedra)), 4)
+    key = np.sort(faces[:, :3], axis=1)
+    order = np.lexsort(key.T[::-1])
+    key = key[order]
+    new = np.ones(len(key), dtype=bool)
+    new[1:] = (key[1:] != key[:-1]).any(axis=1)
+    starts = np.flatnonzero(new)
+    first = owner[order[starts]]
+    second = np.full(len(starts), -1)
+    paired = np.flatnonzero(np.diff(np.append(starts, len(key))) > 1)
+    second[paired] = owner[order[starts[paired] + 1]]
+    return faces[order[starts]], first, second
+
+
+def flat_triangles(faces: np.ndarray) -> np.ndarray:
+    """Cut faces of second order into flat triangles.
+
+    Parameters
+    ----------
+    faces : (f, 3 or 6) ndarray of int
+        Corners, and the middles of the edges 01, 12 and 20.
+
+    Returns
+    -------
+    (f, 3) or (4 f, 3) ndarray of int
+        The four of a face follow each other.
+    """
+    return faces if faces.shape[1] == 3 else faces[:, _QUARTERS].reshape(-1, 3)
 
 
 def volumes(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     """Volumes of tetrahedra, (m,) mm^3; exact for curved ones too, negative for inverted ones."""
     second = tetrahedra.shape[1] == 10
     places, weights = (_KEAST_POINTS, _KEAST_WEIGHTS) if second else (_KEAST_POINTS[:1], np.array([1.0 / 6.0]))
-    blocks = [
-        np.linalg.det(jacobians(points, tetrahedra[start : start + _BLOCK], places)) @ weights
-        for start in range(0, len(tetrahedra), _BLOCK)
-    ]
-    return np.concatenate(blocks) if blocks else np.zeros(0)
+    return _over_elements(points, tetrahedra, places, lambda matrices: np.linalg.det(matrices) @ weights)
 
 
 def scaled_jacobians(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
@@ -92,11 +134,34 @@ def scaled_jacobians(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     With ten nodes, the least value at the nodes, each of the straight tetrahedron that J spans there.
     """
     places = NODES[:1] if tetrahedra.shape[1] == 4 else NODES
+    return _over_elements(points, tetrahedra, places, lambda matrices: _scaled(matrices).min(axis=1))
+
+
+def _over_elements(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarray, measure) -> np.ndarray:
+    """Measure the Jacobians of elements, (m, k, 3, 3), some at a time."""
     blocks = [
-        _scaled(jacobians(points, tetrahedra[start : start + _BLOCK], places)).min(axis=1)
+        measure(_jacobians(points, tetrahedra[start : start + _BLOCK], places))
         for start in range(0, len(tetrahedra), _BLOCK)
     ]
     return np.concatenate(blocks) if blocks else np.zeros(0)
+
+
+def _jacobians(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Differentiate the position by the local coordinates at local places (k, 3): (m, k, 3, 3)."""
+    derivatives = _shape_derivatives(tetrahedra.shape[1], places)
+    return np.einsum("mni,knj->mkij", points[tetrahedra], derivatives, optimize=True)
+
+
+def _shape_derivatives(nodes: int, places: np.ndarray) -> np.ndarray:
+    """Differentiate the nodes' functions at places of the unit tetrahedron: (k, 4 or 10, 3)."""
+    gradients = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
+    if nodes == 4:
+        return np.broadcast_to(gradients, (len(places), 4, 3))
+    barycentric = np.column_stack([1.0 - places.sum(axis=1), places])
+    corners = (4.0 * barycentric[:, :, None] - 1.0) * gradients
+    first, second = EDGES.T
+    middles = 4.0 * (barycentric[:, first, None] * gradients[second] + barycentric[:, second, None] * gradients[first])
+    return np.concatenate([corners, middles], axis=1)
 
 
 def _scaled(matrices: np.ndarray) -> np.ndarray:

@@ -6,15 +6,22 @@
        ``group_names``
 .inp   Abaqus and CalculiX: solid elements only, C3D4 or C3D10; ELSET of every organ, SURFACE and NSET of
        every surface
-.bdf   Nastran: CTETRA only, a PSOLID for every organ, SET1 with the nodes of every surface
-.med   Salome and Code_Aster, by gmsh; groups are families
+.med   Salome and Code_Aster; groups are families
+.unv   I-deas; groups are sets of nodes and of elements
+.bdf   Nastran: CTETRA, and CTRIA3 or CTRIA6 of the surfaces; a property number for every group
+.vtk   VTK's legacy format: the number ``CellEntityIds`` of each cell
 ====== ======================================================================================================
+
+gmsh writes all but .vtu and .inp: its own .inp would hold triangles as elements too, and no surfaces for loads.
 """
 
 from __future__ import annotations
 
+import io
 import os
-from collections.abc import Callable
+import re
+import unicodedata
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +33,20 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 from ..export.frames import RAS_TO_LPS
 from ..export.vtk_xml import xml_text
 from ..files import replacing
-from .abaqus import abaqus_text
-from .msh import msh_text
-from .nastran import nastran_text
-from .process import MeshingError, run_worker
-from .tetrahedra import TetrahedralMesh, require_mesher
+from .elements import FACES, TetrahedralMesh
+from .process import GMSH_WORKER, require_gmsh, run_worker
 
+MESH_FORMATS = (".msh", ".vtu", ".inp", ".med", ".unv", ".bdf", ".vtk")
+# Formats that know ASCII names only, and formats that know numbers instead of names.
+_ASCII, _NUMBERED = (".inp", ".unv"), (".bdf", ".vtk")
+# gmsh reads names of up to 127 letters, a .med file holds 80.
+_LONGEST_NAME = 60
 # Kinds of cells by their number of nodes: triangles and tetrahedra, linear and second order.
-VTK_TYPES = {3: 5, 6: 22, 4: 10, 10: 24}
+_VTK_TYPES = {3: 5, 6: 22, 4: 10, 10: 24}
+_ABAQUS_TYPES = {4: "C3D4", 10: "C3D10"}
 
 
-def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> None:
+def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> dict[str, str]:
     """Write a mesh in the format of the file's suffix.
 
     Parameters
@@ -46,52 +56,101 @@ def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> None:
     path : path
         File to write; its folder must exist.
 
+    Returns
+    -------
+    dict of str to str
+        What each group is called in the file; the number of its property where there are no names.
+
     Raises
     ------
     ValueError
-        If the suffix is none of those known.
+        If the suffix is none of `MESH_FORMATS`.
     MeshingError
-        If gmsh, which .med needs, is not installed or fails.
+        If gmsh is not installed or fails.
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
+    suffix = mesh_format(path)
+    groups = [*mesh.tetrahedron_groups, *mesh.triangle_groups]
+    names = names_in_file(groups, ascii_only=suffix in _ASCII)
     # Before the file is begun: what fails here has nothing to do with the disk.
-    content = writer_for(path)(mesh)
+    if suffix == ".vtu":
+        content, names = _vtu(mesh), {name: name for name in groups}
+    elif suffix == ".inp":
+        content = _abaqus(mesh, names).encode("ascii")
+    else:
+        content = _by_gmsh(mesh, names, suffix)
     with replacing(path) as draft:
         draft.write_bytes(content)
+    return {name: str(tag) for tag, name in enumerate(groups, start=1)} if suffix in _NUMBERED else names
 
 
-def writer_for(path: str | os.PathLike) -> Callable[[TetrahedralMesh], bytes]:
-    """Find the function that makes a file's content of a mesh.
+def mesh_format(path: str | os.PathLike) -> str:
+    """Find the format that a file's name asks for.
 
     Raises
     ------
     ValueError
-        If the suffix is none of those known.
+        If the suffix is none of `MESH_FORMATS`.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in WRITERS:
-        msg = f"{Path(path).name} was asked for; give a file name that ends in {', '.join(WRITERS)}."
+    if suffix not in MESH_FORMATS:
+        msg = f"{Path(path).name} was asked for; give a file name that ends in {', '.join(MESH_FORMATS)}."
         raise ValueError(msg)
-    return WRITERS[suffix]
+    return suffix
 
 
-def vtu_grid(mesh: TetrahedralMesh) -> vtkUnstructuredGrid:
-    """Mesh as VTK data, LPS mm: tetrahedra, then triangles.
+def names_in_file(names: Iterable[str], *, ascii_only: bool) -> dict[str, str]:
+    """Names that a file can hold: different, not too long, in one line without quotation marks.
 
     Parameters
     ----------
-    mesh : TetrahedralMesh
+    names : iterable of str
+    ascii_only : bool
+        Whether they are made of letters, digits and underscores of ASCII, and begin with a letter.
 
     Returns
     -------
-    vtkUnstructuredGrid
+    dict of str to str
+        The new name of each; two of them differ by more than upper and lower case.
     """
+    found: dict[str, str] = {}
+    for name in names:
+        plain = " ".join(name.replace('"', "'").split())
+        if ascii_only:
+            plain = unicodedata.normalize("NFKD", plain.replace("ß", "ss")).encode("ascii", "ignore").decode("ascii")
+            plain = re.sub(r"\W+", "_", plain).strip("_")
+            plain = plain if plain[:1].isalpha() else f"organ_{plain}".rstrip("_")
+        plain = plain[:_LONGEST_NAME]
+        taken, number, tried = {value.lower() for value in found.values()}, 1, plain
+        while tried.lower() in taken:
+            number += 1
+            tried = f"{plain}_{number}"
+        found[name] = tried
+    return found
+
+
+def _by_gmsh(mesh: TetrahedralMesh, names: dict[str, str], suffix: str) -> bytes:
+    """Content of a file that gmsh writes, in a process of its own."""
+    require_gmsh()
+    groups = [
+        *((3, name, mesh.tetrahedra[rows]) for name, rows in mesh.tetrahedron_groups.items()),
+        *((2, name, mesh.triangles[rows]) for name, rows in mesh.triangle_groups.items()),
+    ]
+    arrays = {"points": mesh.points * RAS_TO_LPS}
+    arrays.update({f"cells{tag}": cells for tag, (_, _, cells) in enumerate(groups, start=1)})
+    described = [{"dimension": dimension, "name": names[name]} for dimension, name, _ in groups]
+    job = {"task": "write", "mesh": "mesh.npz", "groups": described, "file": f"mesh{suffix}"}
+    return run_worker(GMSH_WORKER, job, {"mesh.npz": arrays}).arrays["content"].tobytes()
+
+
+def _vtu(mesh: TetrahedralMesh) -> bytes:
+    """Content of a VTU file: tetrahedra, then triangles."""
     points = vtkPoints()
     points.SetData(numpy_to_vtk(mesh.points * RAS_TO_LPS, deep=True))
     kinds = [cells for cells in (mesh.tetrahedra, mesh.triangles) if len(cells)]
     sizes = np.concatenate([np.full(len(cells), cells.shape[1]) for cells in kinds])
-    types = np.concatenate([np.full(len(cells), VTK_TYPES[cells.shape[1]], dtype=np.uint8) for cells in kinds])
+    types = np.concatenate([np.full(len(cells), _VTK_TYPES[cells.shape[1]], dtype=np.uint8) for cells in kinds])
     array = vtkCellArray()
     array.SetData(
         numpy_to_vtkIdTypeArray(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), deep=True),
@@ -115,28 +174,67 @@ def vtu_grid(mesh: TetrahedralMesh) -> vtkUnstructuredGrid:
         for text in texts:
             field.InsertNextValue(text)
         grid.GetFieldData().AddArray(field)
-    return grid
+    return xml_text(vtkXMLUnstructuredGridWriter(), grid).encode("utf-8")
 
 
-def _vtu(mesh: TetrahedralMesh) -> bytes:
-    return xml_text(vtkXMLUnstructuredGridWriter(), vtu_grid(mesh)).encode("utf-8")
+# ------------------------------------------------------------------ Abaqus
 
 
-def _med(mesh: TetrahedralMesh) -> bytes:
-    module = require_mesher("gmsh")
-    job = {"convert": ["mesh.msh", "mesh.med"]}
-    result = run_worker(module, job, {"mesh.msh": msh_text(mesh)}, name="gmsh", time_limit=600.0)
-    content = result.arrays["content"].tobytes()
-    if not content:
-        msg = "gmsh wrote no .med file; choose another format, such as .msh."
-        raise MeshingError(msg)
-    return content
+def _abaqus(mesh: TetrahedralMesh, names: dict[str, str]) -> str:
+    """Text of an .inp file: the nodes of a surface are NAME_nodes, the elements of its faces NAME_S1 to NAME_S4."""
+    points = np.column_stack([np.arange(1, len(mesh.points) + 1), mesh.points * RAS_TO_LPS])
+    parts = [
+        "*HEADING\nOrgans meshed by vic-registration; LPS (DICOM), mm\n*NODE\n",
+        _rows(points, "%d, %.14g, %.14g, %.14g"),
+    ]
+    kind, numbers = _ABAQUS_TYPES[mesh.tetrahedra.shape[1]], np.arange(1, len(mesh.tetrahedra) + 1)
+    for name, rows in mesh.tetrahedron_groups.items():
+        table = np.column_stack([numbers[rows], mesh.tetrahedra[rows] + 1])
+        parts += [f"*ELEMENT, TYPE={kind}, ELSET={names[name]}\n", _rows(table, ", ".join(["%d"] * table.shape[1]))]
+    for name, rows in mesh.triangle_groups.items():
+        nodes = np.unique(mesh.triangles[rows]) + 1
+        parts += [f"*NSET, NSET={names[name]}_nodes\n", _lists(nodes)]
+        parts += _surface(mesh, rows, names[name])
+    return "".join(parts)
 
 
-WRITERS: dict[str, Callable[[TetrahedralMesh], bytes]] = {
-    ".msh": lambda mesh: msh_text(mesh).encode("utf-8"),
-    ".vtu": _vtu,
-    ".inp": lambda mesh: abaqus_text(mesh).encode("ascii"),
-    ".bdf": lambda mesh: nastran_text(mesh).encode("ascii"),
-    ".med": _med,
-}
+def _surface(mesh: TetrahedralMesh, rows: np.ndarray, name: str) -> list[str]:
+    """Write the sets of elements with a face in a surface, by the number of that face, and the surface of them."""
+    cell, side = _owners(mesh, rows)
+    parts, lines = [], []
+    for number in range(4):
+        mine = np.sort(cell[side == number]) + 1
+        if len(mine):
+            parts += [f"*ELSET, ELSET={name}_S{number + 1}\n", _lists(mine)]
+            lines.append(f"{name}_S{number + 1}, S{number + 1}\n")
+    return [*parts, f"*SURFACE, NAME={name}, TYPE=ELEMENT\n", *lines]
+
+
+def _owners(mesh: TetrahedralMesh, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tetrahedron that each triangle is a face of, seen from outside of it, and the number of that face from 0."""
+    # Rotated so that the smallest node stands first, faces of both sides of an interface stay different.
+    faces = _rotated(mesh.tetrahedra[:, FACES[:, :3]].reshape(-1, 3))
+    wanted = _rotated(mesh.triangles[rows][:, :3])
+    size = len(mesh.points)
+    key = (faces[:, 0] * size + faces[:, 1]) * size + faces[:, 2]
+    order = np.argsort(key)
+    place = order[np.searchsorted(key[order], (wanted[:, 0] * size + wanted[:, 1]) * size + wanted[:, 2])]
+    return place // 4, place % 4
+
+
+def _rotated(faces: np.ndarray) -> np.ndarray:
+    first = np.argmin(faces, axis=1)
+    return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1).astype(np.int64)
+
+
+def _rows(table: np.ndarray, layout: str) -> str:
+    """Rows of a table, a line each."""
+    text = io.StringIO()
+    np.savetxt(text, table, fmt=layout)
+    return text.getvalue()
+
+
+def _lists(numbers: np.ndarray) -> str:
+    """Numbers, 16 in a line, as many as Abaqus reads."""
+    texts = [str(number) for number in numbers.tolist()]
+    return "".join(f"{', '.join(texts[start : start + 16])}\n" for start in range(0, len(texts), 16))

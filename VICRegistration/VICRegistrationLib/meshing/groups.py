@@ -1,4 +1,4 @@
-"""Surfaces of a tetrahedral mesh: what is outside, what lies between two regions, and which exact surface it is on."""
+"""Surfaces of a tetrahedral mesh: which exact surface a face lies on, groups, and nodes of second order on it."""
 
 from __future__ import annotations
 
@@ -8,79 +8,12 @@ import numpy as np
 
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
-from .elements import FACES
+from .elements import EDGES, faces_of, scaled_jacobians
 
-_QUARTERS = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])
-
-
-def faces_of(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All different faces of tetrahedra.
-
-    Parameters
-    ----------
-    tetrahedra : (m, 4 or 10) ndarray of int
-
-    Returns
-    -------
-    faces : (f, 3 or 6) ndarray of int
-        Nodes, counter-clockwise seen from outside of the first owner.
-    first, second : (f,) ndarray of int
-        The tetrahedra on both sides; `second` is -1 where there is none.
-    """
-    local = FACES[:, :3] if tetrahedra.shape[1] == 4 else FACES
-    faces = tetrahedra[:, local].transpose(1, 0, 2).reshape(-1, local.shape[1])
-    owner = np.tile(np.arange(len(tetrahedra)), 4)
-    key = np.sort(faces[:, :3], axis=1)
-    order = np.lexsort(key.T[::-1])
-    key = key[order]
-    new = np.ones(len(key), dtype=bool)
-    new[1:] = (key[1:] != key[:-1]).any(axis=1)
-    starts = np.flatnonzero(new)
-    first = owner[order[starts]]
-    second = np.full(len(starts), -1)
-    paired = np.flatnonzero(np.diff(np.append(starts, len(key))) > 1)
-    second[paired] = owner[order[starts[paired] + 1]]
-    return faces[order[starts]], first, second
-
-
-def flat_triangles(faces: np.ndarray) -> np.ndarray:
-    """Cut faces of second order into flat triangles.
-
-    Parameters
-    ----------
-    faces : (f, 3 or 6) ndarray of int
-        Corners, and the middles of the edges 01, 12 and 20.
-
-    Returns
-    -------
-    (f, 3) or (4 f, 3) ndarray of int
-        The four of a face follow each other.
-    """
-    return faces if faces.shape[1] == 3 else faces[:, _QUARTERS].reshape(-1, 3)
-
-
-def boundary_faces(
-    points: np.ndarray, tetrahedra: np.ndarray, region: np.ndarray, surfaces: Sequence[BSplineSurface]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of the boundary and between regions, and the exact surface that each lies on.
-
-    Parameters
-    ----------
-    points : (n, 3) ndarray
-        RAS mm.
-    tetrahedra : (m, 4 or 10) ndarray of int
-    region : (m,) ndarray of int
-    surfaces : sequence of BSplineSurface
-
-    Returns
-    -------
-    faces : (f, 3 or 6) ndarray of int
-    on_surface : (f,) ndarray of int
-        Numbers of surfaces.
-    """
-    faces, first, second = faces_of(tetrahedra)
-    faces = faces[(second < 0) | (region[first] != region[second])]
-    return faces, _nearest_surface(points, faces, list(surfaces))
+# Where curving an edge makes an element worse than wanted, the edge is curved half as much, at most so often.
+_HALVINGS = 4
+# Rounds of going to and fro between two surfaces, to the curve in which they meet.
+_ROUNDS = 4
 
 
 def surface_groups(
@@ -178,6 +111,76 @@ def patch_groups(
             if len(here):
                 found[f"{name}_{around + 1}_{along + 1}"] = here
     return found
+
+
+def second_order(
+    points: np.ndarray,
+    tetrahedra: np.ndarray,
+    region: np.ndarray,
+    surfaces: Sequence[BSplineSurface],
+    *,
+    least_quality: float,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Give tetrahedra nodes in the middles of their edges.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    tetrahedra : (m, 4) ndarray of int
+    region : (m,) ndarray of int
+    surfaces : sequence of BSplineSurface
+        On which the faces between regions and those of the boundary lie.
+    least_quality : float
+        Scaled Jacobian that curving must not go below; elements that were worse when straight stay straight.
+
+    Returns
+    -------
+    points : (n + e, 3) ndarray
+        RAS mm; the middles behind the corners.
+    tetrahedra : (m, 10) ndarray of int
+    flattened : int
+        Number of edges whose middle is not on the surface, for the sake of the elements' shape.
+    """
+    ends = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
+    edges, number = np.unique(ends, axis=0, return_inverse=True)
+    number = number.reshape(-1, len(EDGES))
+    straight = points[edges].mean(axis=1)
+    shift = _shifts(points, tetrahedra, region, surfaces, edges, straight)
+    curved = (shift != 0.0).any(axis=1)
+    share = np.ones(len(edges))
+    cells = np.column_stack([tetrahedra, len(points) + number])
+    doubtful = np.flatnonzero(curved[number].any(axis=1))
+    for halving in range(_HALVINGS + 1):
+        nodes = np.concatenate([points, straight + share[:, None] * shift])
+        bad = doubtful[scaled_jacobians(nodes, cells[doubtful]) < least_quality]
+        if not len(bad):
+            break
+        share[np.unique(number[bad])] *= 0.5 if halving < _HALVINGS - 1 else 0.0
+    nodes = np.concatenate([points, straight + share[:, None] * shift])
+    return nodes, cells, int(np.count_nonzero(curved & (share < 1.0)))
+
+
+def _shifts(points, tetrahedra, region, surfaces, edges, straight) -> np.ndarray:
+    """How far the middle of every edge is from the surfaces that it lies on, (e, 3)."""
+    faces, first, second = faces_of(tetrahedra)
+    faces = faces[(second < 0) | (region[first] != region[second])]
+    on_surface = _nearest_surface(points, faces, surfaces)
+    of_faces = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    key = edges[:, 0] * len(points) + edges[:, 1]
+    row = np.searchsorted(key, of_faces[:, 0] * len(points) + of_faces[:, 1])
+    touched = np.zeros((len(surfaces), len(edges)), dtype=bool)
+    touched[np.repeat(on_surface, 3), row] = True
+    target = straight.copy()
+    for surface, mine in zip(surfaces, touched):
+        if mine.any():
+            target[mine] = closest_points(surface, target[mine]).points
+    crease = touched.sum(axis=0) > 1
+    for _ in range(_ROUNDS if crease.any() else 0):
+        for surface, mine in zip(surfaces, touched & crease):
+            if mine.any():
+                target[mine] = closest_points(surface, target[mine]).points
+    return target - straight
 
 
 def _reversed(faces: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
-"""Work in a process of its own, which may crash, hang or return nothing without harm.
+"""Work in a process of its own, which may crash, hang or return nothing without harm: both sides of it.
 
-The job is a JSON file in a temporary folder; the worker is told its path, and leaves in the same folder
+:func:`run_worker` starts a module and reads its result; in the module, :func:`main` does the job. The job is a JSON
+file in a temporary folder; the worker is told its path, and leaves in the same folder
 
 ============= =====================================================================================
 ``result.npz`` arrays, written last
@@ -13,11 +14,15 @@ The job is a JSON file in a temporary folder; the worker is told its path, and l
 from __future__ import annotations
 
 import contextlib
+import importlib.util
+import io
 import json
+import math
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,6 +32,7 @@ import numpy as np
 
 from ..files import reason
 
+GMSH_WORKER = "VICRegistrationLib.meshing.gmsh_worker"
 JOB, RESULT, NOTES, ERROR, PROGRESS = "job.json", "result.npz", "notes.json", "error.txt", "progress"
 _ROOT = Path(__file__).resolve().parents[2]
 # How long the worker is left alone between two looks at it, s.
@@ -35,15 +41,28 @@ _LONGEST_COMPLAINT = 300
 
 
 class MeshingError(RuntimeError):
-    """The mesher has failed; the message is one sentence for the user."""
+    """gmsh has failed; the message is one sentence for the user."""
 
 
 class MesherBroke(MeshingError):
-    """The mesher crashed, hung or returned nothing: something else may work."""
+    """gmsh crashed, hung or returned nothing: something else may work."""
 
 
 class MeshingCancelled(MeshingError):
     """The work was cancelled from outside."""
+
+
+def require_gmsh() -> None:
+    """Refuse to go on without gmsh.
+
+    Raises
+    ------
+    MeshingError
+        If it is not installed.
+    """
+    if importlib.util.find_spec("gmsh") is None:
+        msg = "gmsh, which makes meshes, is not installed; install it with: pip install gmsh"
+        raise MeshingError(msg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +82,9 @@ class Result:
 def run_worker(
     module: str,
     job: Mapping,
-    files: Mapping[str, str | bytes],
+    files: Mapping[str, str | bytes | Mapping[str, np.ndarray]],
     *,
-    name: str,
-    time_limit: float,
+    time_limit: float = math.inf,
     on_progress: Callable[[str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Result:
@@ -78,12 +96,10 @@ def run_worker(
         Run as ``python -m module JOB``.
     job : mapping
         What JSON can hold; the worker finds ``time_limit`` in it too.
-    files : mapping of name to text or bytes
-        Put beside the job.
-    name : str
-        What the worker is called in messages.
+    files : mapping of name to text, bytes or arrays
+        Put beside the job; arrays by their names as an .npz file.
     time_limit : float
-        Seconds after which it is ended.
+        Seconds after which it is ended; no limit if not given.
     on_progress : callable, optional
         Told what the worker is doing.
     cancelled : callable, optional
@@ -106,18 +122,26 @@ def run_worker(
         try:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="vic-mesh-")))
             for file, content in {**files, JOB: json.dumps({**job, "time_limit": time_limit})}.items():
-                folder.joinpath(file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+                folder.joinpath(file).write_bytes(_encoded(content))
         except OSError as error:
             msg = (
-                f"Temporary files for {name} cannot be written ({reason(error)}); make room on that disk, or name a "
+                f"Temporary files for gmsh cannot be written ({reason(error)}); make room on that disk, or name a "
                 "folder on another one by the environment variable TMPDIR."
             )
             raise OSError(msg) from error
-        code = _run(module, folder, name, time_limit, on_progress, cancelled)
-        return _result(folder, name, code)
+        code = _run(module, folder, time_limit, on_progress, cancelled)
+        return _result(folder, code)
 
 
-def _run(module, folder: Path, name: str, time_limit: float, on_progress, cancelled) -> int:
+def _encoded(content: str | bytes | Mapping[str, np.ndarray]) -> bytes:
+    if isinstance(content, Mapping):
+        buffer = io.BytesIO()
+        np.savez(buffer, **content)
+        return buffer.getvalue()
+    return content.encode("utf-8") if isinstance(content, str) else content
+
+
+def _run(module: str, folder: Path, time_limit: float, on_progress, cancelled) -> int:
     """Start the process and watch it until it ends; returns its exit code."""
     paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
@@ -131,7 +155,7 @@ def _run(module, folder: Path, name: str, time_limit: float, on_progress, cancel
             stderr=subprocess.STDOUT,
         )
         try:
-            return _watched(process, folder, name, time_limit, on_progress, cancelled)
+            return _watched(process, folder, time_limit, on_progress, cancelled)
         finally:
             # Whatever ends the watch (Ctrl-C too), nothing is left running.
             if process.poll() is None:
@@ -139,7 +163,7 @@ def _run(module, folder: Path, name: str, time_limit: float, on_progress, cancel
             process.wait()
 
 
-def _watched(process, folder: Path, name: str, time_limit: float, on_progress, cancelled) -> int:
+def _watched(process, folder: Path, time_limit: float, on_progress, cancelled) -> int:
     end, told = time.monotonic() + time_limit, ""
     while True:
         try:
@@ -147,11 +171,11 @@ def _watched(process, folder: Path, name: str, time_limit: float, on_progress, c
         except subprocess.TimeoutExpired:
             pass
         if cancelled is not None and cancelled():
-            msg = f"{name} was cancelled; nothing was written."
+            msg = "gmsh was cancelled; nothing was written."
             raise MeshingCancelled(msg)
         if time.monotonic() > end:
             msg = (
-                f"{name} was not done after {time_limit:g} s and was ended; choose larger elements or a longer time "
+                f"gmsh was not done after {time_limit:g} s and was ended; choose larger elements or a longer time "
                 "limit."
             )
             raise MesherBroke(msg)
@@ -161,7 +185,7 @@ def _watched(process, folder: Path, name: str, time_limit: float, on_progress, c
             told = progress
 
 
-def _result(folder: Path, name: str, code: int) -> Result:
+def _result(folder: Path, code: int) -> Result:
     """Read the files of a worker that has ended."""
     complaint = _text(folder / ERROR)
     if complaint:
@@ -170,14 +194,14 @@ def _result(folder: Path, name: str, code: int) -> Result:
         how, remedy = f"crashed (signal {-code})", "choose another element size"
         if code > 0:
             how, remedy = f"failed (exit code {code}{_last_words(folder)})", "check its installation"
-        msg = f"{name} {how}; {remedy}, or use the other mesher."
+        msg = f"gmsh {how}; {remedy}."
         raise MesherBroke(msg)
     try:
         with np.load(folder / RESULT, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
         notes = json.loads(_text(folder / NOTES) or "{}")
     except (OSError, ValueError, EOFError, KeyError) as error:
-        msg = f"{name} ended without a result; choose another element size or the other mesher."
+        msg = "gmsh ended without a result; choose another element size."
         raise MesherBroke(msg) from error
     return Result(arrays, notes)
 
@@ -197,3 +221,91 @@ def _last_words(folder: Path) -> str:
         return ""
     last = next((" ".join(line.split()) for line in reversed(lines) if line.strip()), "")
     return f": {last[:_LONGEST_COMPLAINT]}" if last else ""
+
+
+# ------------------------------------------------------------------ the worker's side
+
+
+class Workplace:
+    """The folder of a job.
+
+    Parameters
+    ----------
+    job_path : Path
+        The job; everything else lies beside it.
+    """
+
+    def __init__(self, job_path: Path) -> None:
+        self.folder = job_path.parent
+        self.job = json.loads(job_path.read_text(encoding="utf-8"))
+        self._start = time.monotonic()
+
+    def path(self, name: str) -> str:
+        """Path of a file of the job."""
+        return str(self.folder / name)
+
+    def spent(self) -> float:
+        """Fraction of the time limit that is over."""
+        return (time.monotonic() - self._start) / self.job["time_limit"]
+
+    def progress(self, line: str) -> None:
+        """Tell what is being done now."""
+        # Where the other side just reads it, it cannot be replaced (Windows); it will be next time.
+        with contextlib.suppress(OSError):
+            self._write(PROGRESS, line)
+
+    def finish(self, arrays: dict[str, np.ndarray], notes: dict) -> None:
+        """Leave the result."""
+        self._write(NOTES, json.dumps(notes))
+        draft = self.folder / "draft.npz"
+        np.savez(draft, **arrays)
+        os.replace(draft, self.folder / RESULT)
+
+    def complain(self, sentence: str) -> None:
+        """Leave one sentence instead of a result."""
+        self._write(ERROR, sentence)
+
+    def _write(self, name: str, text: str) -> None:
+        draft = self.folder / f"{name}.draft"
+        draft.write_text(text, encoding="utf-8")
+        os.replace(draft, self.folder / name)
+
+
+class JobError(Exception):
+    """The job cannot be done; the message is for the user."""
+
+
+def main(work: Callable[[Workplace], None]) -> int:
+    """Do the job named on the command line.
+
+    Parameters
+    ----------
+    work : callable
+        Does the job and leaves the result.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    _end_with_parent()
+    place = Workplace(Path(sys.argv[1]))
+    try:
+        work(place)
+    except JobError as error:
+        place.complain(str(error))
+    except Exception as error:  # noqa: BLE001 - gmsh raises bare Exception; the user shall see one sentence.
+        place.complain(f"gmsh failed ({reason(error)}); choose another element size.")
+    return 0
+
+
+def _end_with_parent() -> None:
+    """Leave when the process that started this one is gone, however it went."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -1,4 +1,4 @@
-"""How good a tetrahedral mesh is."""
+"""How good meshes of tetrahedra and of triangles are."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from .elements import scaled_jacobians, volumes
-from .tetrahedra import TetrahedralMesh
+from ..geometry.triangles import area_vectors
+from .elements import TetrahedralMesh, flat_triangles, scaled_jacobians, volumes
 
 
 @dataclass(frozen=True)
-class QualityReport:
+class TetrahedronQuality:
     """Numbers about a mesh.
 
     Parameters
@@ -70,7 +70,7 @@ class QualityReport:
         return _finite(asdict(self))
 
 
-def quality(mesh: TetrahedralMesh) -> QualityReport:
+def quality(mesh: TetrahedralMesh) -> TetrahedronQuality:
     """Measure a mesh.
 
     Parameters
@@ -79,7 +79,7 @@ def quality(mesh: TetrahedralMesh) -> QualityReport:
 
     Returns
     -------
-    QualityReport
+    TetrahedronQuality
     """
     jacobian = scaled_jacobians(mesh.points, mesh.tetrahedra)
     volume = volumes(mesh.points, mesh.tetrahedra)
@@ -94,8 +94,8 @@ def quality(mesh: TetrahedralMesh) -> QualityReport:
         }
     exact = float(sum(group["volume_exact"] for group in groups.values()))
     total = float(volume.sum())
-    area = triangle_areas(mesh.points, mesh.triangles)
-    return QualityReport(
+    area = _areas(mesh.points, mesh.triangles)
+    return TetrahedronQuality(
         nodes=len(mesh.points),
         tetrahedra=len(mesh.tetrahedra),
         order=mesh.order,
@@ -114,14 +114,68 @@ def quality(mesh: TetrahedralMesh) -> QualityReport:
     )
 
 
-def triangle_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Areas of triangles, (m,) mm^2; with six nodes, those of the four straight ones between the nodes."""
-    if triangles.shape[1] == 6:
-        parts = [triangles[:, part] for part in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5])]
-        return sum(triangle_areas(points, part) for part in parts)
+@dataclass(frozen=True)
+class TriangleQuality:
+    """Shape of triangles.
+
+    Parameters
+    ----------
+    triangles, nodes : int
+    angle_min, angle_max : float
+        Smallest and largest angle of all, degrees; 60 is the best for both.
+    edge_min, edge_mean, edge_max : float
+        mm.
+    """
+
+    triangles: int
+    nodes: int
+    angle_min: float
+    angle_max: float
+    edge_min: float
+    edge_mean: float
+    edge_max: float
+
+    def lines(self) -> list[str]:
+        """Report for people, one fact a line."""
+        return [
+            f"{self.triangles} triangles, {self.nodes} nodes",
+            f"angles: {self.angle_min:.1f} to {self.angle_max:.1f} degrees",
+            f"edges: {self.edge_min:.2f} to {self.edge_max:.2f} mm, mean {self.edge_mean:.2f} mm",
+        ]
+
+
+def triangle_quality(points: np.ndarray, triangles: np.ndarray) -> TriangleQuality:
+    """Measure triangles.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    triangles : (m, 3) ndarray of int
+
+    Returns
+    -------
+    TriangleQuality
+    """
     corners = points[triangles]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.linalg.norm(cross, axis=1) / 2.0
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cross = np.linalg.norm(np.cross(ahead, back), axis=2)
+    angles = np.degrees(np.arctan2(cross, np.einsum("nij,nij->ni", ahead, back)))
+    lengths = np.linalg.norm(ahead, axis=2)
+    return TriangleQuality(
+        triangles=len(triangles),
+        nodes=len(np.unique(triangles)),
+        angle_min=float(angles.min()),
+        angle_max=float(angles.max()),
+        edge_min=float(lengths.min()),
+        edge_mean=float(lengths.mean()),
+        edge_max=float(lengths.max()),
+    )
+
+
+def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Areas of triangles, (m,) mm^2; with six nodes, those of the four flat ones between the nodes."""
+    flat = np.linalg.norm(area_vectors(points, flat_triangles(triangles)), axis=1)
+    return flat.reshape(len(triangles), -1).sum(axis=1)
 
 
 def _finite(value):

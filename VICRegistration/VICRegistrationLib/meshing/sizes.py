@@ -30,7 +30,7 @@ _LEVELS = 10
 
 @dataclass(frozen=True, eq=False)
 class SizeField:
-    """Sizes on a regular grid, and at points of the surfaces.
+    """Sizes on a regular grid.
 
     Parameters
     ----------
@@ -40,27 +40,14 @@ class SizeField:
         mm.
     sizes : (n_r, n_a, n_s) ndarray
         mm.
-    points : (m, 3) ndarray
-        RAS mm.
-    point_sizes : (m,) ndarray
-        mm.
     """
 
     origin: np.ndarray
     spacing: float
     sizes: np.ndarray
-    points: np.ndarray
-    point_sizes: np.ndarray
 
 
-def size_field(
-    surfaces: Sequence[BSplineSurface],
-    size: float,
-    *,
-    order: int,
-    volume_error: float,
-    largest: Sequence[float] | None = None,
-) -> SizeField:
+def size_field(surfaces: Sequence[BSplineSurface], size: float, *, order: int, volume_error: float) -> SizeField:
     """Choose sizes for a mesh inside surfaces.
 
     Parameters
@@ -73,24 +60,19 @@ def size_field(
         Second-order elements keep the volume by themselves.
     volume_error : float
         Relative difference that is allowed between the volumes of mesh and solid.
-    largest : sequence of float, optional
-        Largest size on each of the surfaces, mm.
 
     Returns
     -------
     SizeField
     """
-    wanted = [
-        _on_surface(surface, min(size, limit), order, volume_error)
-        for surface, limit in zip(surfaces, largest or [size] * len(surfaces))
-    ]
+    wanted = [_on_surface(surface, size, order, volume_error) for surface in surfaces]
     points, sizes = (np.concatenate(parts) for parts in zip(*wanted))
     low, high = points.min(axis=0) - size, points.max(axis=0) + size
     spacing = max(float(np.prod(high - low) / _MOST_NODES) ** (1.0 / 3.0), sizes.min() / 2.0)
     counts = np.ceil((high - low) / spacing).astype(int) + 1
     grid = np.stack(np.meshgrid(*(start + spacing * np.arange(n) for start, n in zip(low, counts)), indexing="ij"), -1)
     field = _graded(points, sizes, grid.reshape(-1, 3), size, slack=spacing)
-    return SizeField(low, spacing, field.reshape(counts), points, sizes)
+    return SizeField(low, spacing, field.reshape(counts))
 
 
 def curvatures(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) -> np.ndarray:

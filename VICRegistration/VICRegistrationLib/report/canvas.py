@@ -33,9 +33,7 @@ def require_matplotlib(*, otherwise: str = ", or leave the pictures out with --n
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
-        msg = (
-            f"Pictures need matplotlib, which is not installed; run pip install 'vicregistration[pictures]'{otherwise}."
-        )
+        msg = f"Pictures need matplotlib, which is not installed; run pip install matplotlib{otherwise}."
         raise RuntimeError(msg) from error
 
 

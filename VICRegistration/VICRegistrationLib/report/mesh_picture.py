@@ -6,9 +6,8 @@ import os
 
 import numpy as np
 
-from ..meshing.groups import faces_of, flat_triangles
+from ..meshing.elements import TetrahedralMesh, faces_of, flat_triangles
 from ..meshing.quality import quality
-from ..meshing.tetrahedra import TetrahedralMesh
 from ..organ_colours import organ_colours
 from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
 from .shading import Camera, lit_mesh, shaded_triangles

@@ -1,72 +1,31 @@
-"""Tetrahedral meshes of organs: solid, hollow with a wall, or several in one mesh with common nodes."""
+"""Meshes of organs by gmsh: tetrahedra (solid, hollow with a wall, several with common nodes), or triangles."""
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..export.frames import RAS_TO_LPS
-from ..export.step import Solid
-from .conforming import Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
-from .elements import scaled_jacobians, volumes
-from .groups import patch_groups, surface_groups
-from .options import MeshOptions
-from .process import MesherBroke, MeshingError, Result, run_worker
-from .second_order import second_order
+from ..export.step import Solid, step_text, validate_solids
+from ..geometry.projection import closest_points
+from ..geometry.triangles import enclosed_volume
+from ..geometry.triangulation import TriangleMesh
+from .elements import TetrahedralMesh, scaled_jacobians, volumes
+from .groups import patch_groups, second_order, surface_groups
+from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
+from .regions import MeshOptions, Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
 
 # Below this scaled Jacobian another way of meshing is tried.
 LEAST_QUALITY = 0.15
-_WORKERS = {
-    "gmsh": ("gmsh", "VICRegistrationLib.meshing.gmsh_worker"),
-    "netgen": ("Netgen", "VICRegistrationLib.meshing.netgen_worker"),
-}
 # Faces of every solid, and the fraction of the time that is left: gmsh hangs on some sharply bent surfaces with a seam.
 _LAYOUTS = ((1, 0.4), (2, 1.0))
 # How often a mesh is made, each time with smaller elements, until it keeps the volume.
 _TRIES = 3
 # More than this takes gigabytes of memory and hours.
 MOST_TETRAHEDRA = 10_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class TetrahedralMesh:
-    """Tetrahedra of one or several organs, and the triangles of their surfaces.
-
-    Parameters
-    ----------
-    points : (n, 3) ndarray
-        RAS mm.
-    tetrahedra : (m, 4 or 10) ndarray of int
-        Corners, with second order also the middles of the edges 01, 12, 20, 03, 13 and 23 (as VTK and Abaqus count).
-    tetrahedron_groups : dict of str to ndarray of int
-        Rows of `tetrahedra`: NAME of a solid organ, or NAME_wall. Every tetrahedron is in one group.
-    triangles : (t, 3 or 6) ndarray of int
-        Counter-clockwise seen from outside; with second order also the middles of the edges 01, 12 and 20.
-    triangle_groups : dict of str to ndarray of int
-        Rows of `triangles`: NAME_surface, or NAME_inside and NAME_outside of a wall, or NAME_surface_I_J of their
-        patches; and A_B_interface where two groups of tetrahedra meet. Every triangle is in one group.
-    exact_volumes : dict of str to float
-        Volumes of the exact solids by group of tetrahedra, mm^3.
-    notes : tuple of str
-        What the user should know: overlaps that were resolved, elements of poor shape.
-    """
-
-    points: np.ndarray
-    tetrahedra: np.ndarray
-    tetrahedron_groups: dict[str, np.ndarray]
-    triangles: np.ndarray
-    triangle_groups: dict[str, np.ndarray]
-    exact_volumes: Mapping[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-
-    @property
-    def order(self) -> int:
-        """1 for four nodes, 2 for ten."""
-        return 1 if self.tetrahedra.shape[1] == 4 else 2
 
 
 def mesh_organs(
@@ -98,16 +57,16 @@ def mesh_organs(
     ValueError
         If a surface is no valid solid, with the place; or the wall would pass through itself.
     MeshingError
-        With one sentence, if the mesher is not installed, crashes, takes too long, or returns nothing or a mesh that
+        With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that
         is wrong. :class:`.process.MeshingCancelled` if it was cancelled.
     """
     options = options or MeshOptions()
     say = on_progress or (lambda line: None)
-    module = require_mesher(options.tool)
+    require_gmsh()
     say("checking the surfaces")
     regions = regions_of(solids, options)
     _refuse_too_many(regions, options)
-    attempts = _Attempts(module, regions, options, time.monotonic() + options.time_limit, say, cancelled)
+    attempts = _Attempts(regions, options, time.monotonic() + options.time_limit, say, cancelled)
     scale = 1.0
     for last in (False,) * (_TRIES - 1) + (True,):
         draft = attempts.mesh(scale)
@@ -121,9 +80,54 @@ def mesh_organs(
     return _assembled(draft, regions, options.patches)
 
 
+def mesh_surface(
+    solid: Solid, options: MeshOptions | None = None, *, on_progress: Callable[[str], None] | None = None
+) -> TriangleMesh:
+    """Cover the surface of an organ with triangles of one size.
+
+    Parameters
+    ----------
+    solid : Solid
+    options : MeshOptions, optional
+        Only size and time limit count.
+    on_progress : callable, optional
+        As in :func:`mesh_organs`.
+
+    Returns
+    -------
+    TriangleMesh
+        With nodes, normals and parameters of the exact surface.
+
+    Raises
+    ------
+    ValueError
+        If the surface is no valid solid.
+    MeshingError
+        With one sentence, if gmsh is not installed, crashes, takes too long or returns no closed surface.
+    """
+    options, surface = options or MeshOptions(), solid.surface
+    require_gmsh()
+    validate_solids([solid])
+    job = {"task": "triangles", "surface": "surface.step", "size": float(options.size)}
+    files = {"surface.step": step_text([solid])}
+    result = run_worker(GMSH_WORKER, job, files, time_limit=options.time_limit, on_progress=on_progress)
+    points, triangles = (result.arrays.get(key, np.zeros((0, 3), dtype=int)) for key in ("points", "triangles"))
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    if not len(triangles) or (np.unique(edges, axis=0, return_counts=True)[1] != 2).any():
+        msg = "gmsh returned triangles that do not close the surface; choose another element size."
+        raise MeshingError(msg)
+    used, triangles = np.unique(triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    parameters = closest_points(surface, points[used] * RAS_TO_LPS).parameters
+    points = surface.points(*parameters.T)
+    if enclosed_volume(points, triangles) < 0.0:
+        triangles = triangles[:, [0, 2, 1]]
+    return TriangleMesh(points, triangles, surface.normals(*parameters.T), parameters)
+
+
 @dataclass(frozen=True, eq=False)
 class _Draft:
-    """What has come back from the mesher, checked.
+    """What has come back from gmsh, checked.
 
     ``region`` is that of each tetrahedron, ``exact`` the volume of the exact solids by group, ``off`` the relative
     difference from it.
@@ -139,9 +143,8 @@ class _Draft:
 
 @dataclass(frozen=True)
 class _Attempts:
-    """Runs of a mesher before a common end of time."""
+    """Runs of gmsh before a common end of time."""
 
-    module: str
     regions: Sequence[Region]
     options: MeshOptions
     end: float
@@ -150,44 +153,38 @@ class _Attempts:
 
     def mesh(self, scale: float) -> _Draft:
         """Mesh with so much smaller elements where the surface is curved."""
-        name, order, regions = mesher_name(self.options.tool), self.options.order, self.regions
-        result = self._run(scale, name)
+        regions = self.regions
+        result = self._run(scale)
         self.say("checking the mesh")
-        points, tetrahedra, region = _checked_arrays(result.arrays, len(regions), name)
+        points, tetrahedra, region = _checked_arrays(result.arrays, len(regions))
         notes = claimed_twice(regions, result.notes["volumes"])
-        if order == 2:
+        if self.options.order == 2:
             surfaces = list(surfaces_of(regions).values())
             points, tetrahedra, flattened = second_order(
                 points, tetrahedra, region, surfaces, least_quality=LEAST_QUALITY
             )
-            _refuse_inverted(points, tetrahedra, name)
+            _refuse_inverted(points, tetrahedra)
             if flattened:
                 notes.append(f"{flattened} edges were curved less than the surface, for the shape of their elements.")
-        exact = exact_volumes(regions, result.notes["volumes"], name)
+        exact = exact_volumes(regions, result.notes["volumes"])
         off = _volume_errors(points, tetrahedra, region, exact)
         return _Draft(points, tetrahedra, region, exact, off, tuple(notes))
 
-    def _run(self, scale: float, name: str) -> Result:
-        """Run the mesher; if it crashes or hangs, once more on surfaces that are cut otherwise."""
+    def _run(self, scale: float) -> Result:
+        """Run gmsh; if it crashes or hangs, once more on surfaces that are cut otherwise."""
         self.say("choosing the sizes of the elements")
         for faces, share in _LAYOUTS:
             job, files = job_files(self.regions, self.options, scale=scale, faces=faces, least_quality=LEAST_QUALITY)
             left = max(self.end - time.monotonic(), 0.0)
             try:
                 return run_worker(
-                    self.module,
-                    job,
-                    files,
-                    name=name,
-                    time_limit=share * left,
-                    on_progress=self.say,
-                    cancelled=self.cancelled,
+                    GMSH_WORKER, job, files, time_limit=share * left, on_progress=self.say, cancelled=self.cancelled
                 )
             except MesherBroke as error:
                 broken = error
         if time.monotonic() >= self.end:
             msg = (
-                f"{name} was not done after {self.options.time_limit:g} s and was ended; choose larger elements or a "
+                f"gmsh was not done after {self.options.time_limit:g} s and was ended; choose larger elements or a "
                 "longer time limit."
             )
             raise MeshingError(msg) from broken
@@ -207,62 +204,31 @@ def _refuse_too_many(regions: Sequence[Region], options: MeshOptions) -> None:
         raise ValueError(msg)
 
 
-def mesher_name(tool: str) -> str:
-    """Name of a mesher for people."""
-    return _WORKERS[tool][0]
-
-
-def require_mesher(tool: str) -> str:
-    """Find the module of a mesher's worker.
-
-    Parameters
-    ----------
-    tool : {"gmsh", "netgen"}
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    MeshingError
-        If the mesher is not installed.
-    """
-    name, module = _WORKERS[tool]
-    if importlib.util.find_spec(tool) is None:
-        msg = f"{name} is not installed; install it with: pip install 'vicregistration[mesh]'."
-        raise MeshingError(msg)
-    return module
-
-
-def _checked_arrays(arrays: Mapping[str, np.ndarray], n_regions: int, name: str):
+def _checked_arrays(arrays: Mapping[str, np.ndarray], n_regions: int):
     """Points in RAS, tetrahedra and their regions, without unused points; refuse what is no mesh."""
-    remedy = "choose another element size or the other mesher"
+    remedy = "choose another element size"
     try:
         points, cells, region = (np.asarray(arrays[key]) for key in ("points", "tetrahedra", "regions"))
     except KeyError as error:
-        msg = f"{name} returned no mesh; {remedy}."
+        msg = f"gmsh returned no mesh; {remedy}."
         raise MeshingError(msg) from error
     if not len(cells) or len(np.unique(region)) < n_regions:
-        msg = f"{name} returned no tetrahedra{' for one of the organs' if len(cells) else ''}; {remedy}."
+        msg = f"gmsh returned no tetrahedra{' for one of the organs' if len(cells) else ''}; {remedy}."
         raise MeshingError(msg)
     whole = cells.ndim == 2 and cells.shape[1] == 4 and cells.min() >= 0 and cells.max() < len(points)
     if not whole or not np.isfinite(points).all() or points.shape[1:] != (3,) or len(region) != len(cells):
-        msg = f"{name} returned a mesh that does not hold together; {remedy}."
+        msg = f"gmsh returned a mesh that does not hold together; {remedy}."
         raise MeshingError(msg)
     used, cells = np.unique(cells, return_inverse=True)
     points, cells = points[used] * RAS_TO_LPS, cells.reshape(-1, 4)
-    _refuse_inverted(points, cells, name)
+    _refuse_inverted(points, cells)
     return points, cells, region
 
 
-def _refuse_inverted(points, cells, name: str) -> None:
+def _refuse_inverted(points, cells) -> None:
     inverted = int(np.count_nonzero(scaled_jacobians(points, cells) <= 0.0))
     if inverted:
-        msg = (
-            f"{name} returned {inverted} inverted elements among {len(cells)}; choose another element size or the "
-            "other mesher."
-        )
+        msg = f"gmsh returned {inverted} inverted elements among {len(cells)}; choose another element size."
         raise MeshingError(msg)
 
 
@@ -274,7 +240,7 @@ def _volume_errors(points, tetrahedra, region, exact: Mapping[str, float]) -> np
 def _refuse_volume(off: np.ndarray, regions: Sequence[Region], options: MeshOptions) -> None:
     worst = int(np.argmax(np.abs(off)))
     msg = (
-        f"{mesher_name(options.tool)} returned a mesh of {regions[worst].group} whose volume is "
+        f"gmsh returned a mesh of {regions[worst].group} whose volume is "
         f"{100.0 * off[worst]:+.2f} % off, more than the {100.0 * options.volume_error:g} % allowed; choose smaller "
         "elements, second order, or allow more."
     )

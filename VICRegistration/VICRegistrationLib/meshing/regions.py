@@ -1,27 +1,83 @@
-"""What is meshed as one: organs or their walls as regions, and who keeps a place that two of them claim."""
+"""What is meshed, and how: options, organs or their walls as regions, and who keeps a place that two of them claim."""
 
 from __future__ import annotations
 
-import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..export.frames import RAS_TO_LPS
 from ..export.step import Solid, step_text, validate_solids
 from ..geometry.surface import BSplineSurface
-from .options import MeshOptions
 from .process import MeshingError
 from .sizes import SizeField, size_field
 from .wall import offset_surface
 
+_MOST_PATCHES = 32
 # Largest edge in a wall, in thicknesses of it: longer ones make flat tetrahedra.
 _LONGEST_IN_WALL = 1.5
-# Relative difference at which the mesher has not read the solid that it was given.
+# Relative difference at which gmsh has not read the solid that it was given.
 _MISREAD = 1e-3
 # Volume in mm^3, and fraction of the region, below which a loss is rounding rather than an overlap.
 _ROUNDING = (1e-2, 1e-5)
+
+
+@dataclass(frozen=True)
+class MeshOptions:
+    """Options of a mesh.
+
+    Parameters
+    ----------
+    size : float
+        Largest wanted edge of an element, mm. Where the surface is strongly curved the elements are made smaller, so
+        that the mesh keeps the organ's volume.
+    order : {1, 2}
+        Linear elements, or second-order ones with curved edges.
+    wall : float, optional
+        Thickness of the wall of hollow organs, mm: the surface is that of the lumen, the wall lies outside of it. The
+        organs are solid if not given.
+    patches : (around, along)
+        Into how many patches each organ's surface is cut for the groups of triangles, in steps of its parameters:
+        around the tube, and from pole to pole.
+    time_limit : float
+        Seconds after which gmsh is ended.
+    volume_error : float, optional
+        Largest relative difference between the volumes of the mesh and of the exact solid. If not given, 0.005 for
+        elements of 3 mm, and with the square of the size for others, up to 0.02.
+
+    Raises
+    ------
+    ValueError
+        If an option makes no sense.
+    """
+
+    size: float = 3.0
+    order: int = 1
+    wall: float | None = None
+    patches: tuple[int, int] = (1, 1)
+    time_limit: float = 600.0
+    volume_error: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check every option by itself."""
+        _check_length("size of the elements", self.size, "3")
+        if self.wall is not None:
+            _check_length("thickness of the wall", self.wall, "2")
+        if self.order not in (1, 2):
+            msg = f"Elements of order {self.order} were asked for; choose 1 (linear) or 2."
+            raise ValueError(msg)
+        if len(self.patches) != 2 or any(int(n) != n or not 1 <= n <= _MOST_PATCHES for n in self.patches):
+            msg = f"Patches of {self.patches} were asked for; give two whole numbers from 1 to {_MOST_PATCHES}."
+            raise ValueError(msg)
+        if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
+            msg = f"A time limit of {self.time_limit:g} s was given; give a positive number of seconds."
+            raise ValueError(msg)
+        if self.volume_error is None:
+            object.__setattr__(self, "volume_error", min(0.005 * max(self.size / 3.0, 0.2) ** 2, 0.02))
+        if not 1e-4 <= self.volume_error < 1.0:
+            msg = f"A volume error of {self.volume_error:g} was asked for; give a fraction such as 0.005."
+            raise ValueError(msg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,29 +191,26 @@ def job_files(
     surfaces = list(surfaces_of(regions).values())
     size = options.size if options.wall is None else min(options.size, _LONGEST_IN_WALL * options.wall)
     sizes = size_field(surfaces, size, order=options.order, volume_error=options.volume_error * scale**2)
-    files["sizes.bin"], files["points.npy"] = _field_file(sizes), _points_file(sizes)
+    files["sizes.bin"] = _field_file(sizes)
     job = {
+        "task": "tetrahedra",
         "regions": described,
         "size": size,
-        "order": options.order,
         "least_quality": least_quality,
         "sizes": "sizes.bin",
-        "points": "points.npy",
     }
     return job, files
 
 
-def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping], name: str) -> dict[str, float]:
+def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping]) -> dict[str, float]:
     """Volumes of the exact regions after they were cut against each other.
 
     Parameters
     ----------
     regions : sequence of Region
     measured : sequence of mapping
-        For each region what the mesher measured on its exact solid: ``whole``, the volume before it was cut, and
+        For each region what gmsh measured on its exact solid: ``whole``, the volume before it was cut, and
         ``given``, what it gave up to whom.
-    name : str
-        The mesher, for messages.
 
     Returns
     -------
@@ -167,15 +220,15 @@ def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping], name: 
     Raises
     ------
     MeshingError
-        If the mesher has read another solid than it was given.
+        If gmsh has read another solid than it was given.
     """
     kept = {}
     for region, volume in zip(regions, measured):
         exact = region.volume
         if not abs(volume["whole"] - exact) <= _MISREAD * exact:
             msg = (
-                f"{name} has read {region.group} with {volume['whole'] / 1000.0:.6g} ml instead of "
-                f"{exact / 1000.0:.6g} ml; use the other mesher."
+                f"gmsh has read {region.group} with {volume['whole'] / 1000.0:.6g} ml instead of "
+                f"{exact / 1000.0:.6g} ml; report this with the surface."
             )
             raise MeshingError(msg)
         kept[region.group] = exact - sum(_given(volume).values())
@@ -206,8 +259,7 @@ def _field_file(sizes: SizeField) -> bytes:
     return head + np.array(turned.shape, dtype="<i4").tobytes() + np.ascontiguousarray(turned, "<f8").tobytes()
 
 
-def _points_file(sizes: SizeField) -> bytes:
-    """Rows of x, y, z (LPS) and size, as numpy writes them."""
-    buffer = io.BytesIO()
-    np.save(buffer, np.column_stack([sizes.points * RAS_TO_LPS, sizes.point_sizes]))
-    return buffer.getvalue()
+def _check_length(what: str, value: float, example: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        msg = f"A {what} of {value:g} mm was given; give a positive length such as {example}."
+        raise ValueError(msg)
