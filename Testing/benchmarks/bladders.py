@@ -17,6 +17,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
 LUMEN = 3
 SEED_DEPTH_MM = 4.0
 NAMES = ("crop_IM0465", "crop_IM0533", "full_p5")
+HARD = ("crop_IM0228", "crop_IM0952", "crop_IM1383", "crop_IM1523")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +31,10 @@ class Bladder:
 
 
 def load_bladder(name: str, folder: Path = DATA) -> Bladder:
-    """Read one of the images and clean its label: some slices carry stray pieces."""
+    """Read one of the images and clean its label: some slices carry stray pieces, others nothing at all."""
     image = read_image(folder / f"{name}_t2.nii.gz")
     label = read_image(folder / f"{name}_label.nii.gz").array == LUMEN
-    region = region_from_mask(image, label, largest_component=True)
+    region = region_from_mask(image, _without_gaps(label), largest_component=True)
     lumen = replace(region, mask=fill_holes(region.mask))
     deep = _depth(lumen)
     deepest = np.unravel_index(deep.argmax(), deep.shape)
@@ -55,12 +56,31 @@ def drawn_image(bladder: Bladder) -> Image:
     return Image(drawn, bladder.image.ijk_to_ras)
 
 
+def _without_gaps(label: np.ndarray) -> np.ndarray:
+    """Fill slices without a label between others, between the signed distances of the two beside the gap.
+
+    Where an expert's wall is open, the fill that made the lumen's label ran out of it, and the slice was left empty.
+    """
+    label = label.copy()
+    drawn = np.flatnonzero(label.any(axis=(1, 2)))
+    for before, after in zip(drawn[:-1], drawn[1:]):
+        below, above = (_signed(label[k]) for k in (before, after))
+        for k in range(before + 1, after):
+            label[k] = (after - k) * below + (k - before) * above < 0.0
+    return label
+
+
+def _signed(drawn: np.ndarray) -> np.ndarray:
+    """Signed distance from the outline of a slice, negative inside, pixels."""
+    return ndimage.distance_transform_edt(~drawn) - ndimage.distance_transform_edt(drawn)
+
+
 def _depth(region: Region) -> np.ndarray:
     """Distance of each voxel of a region from its boundary, mm."""
     padded = np.pad(region.mask, 1)
     return ndimage.distance_transform_edt(padded, sampling=region.image.spacing[::-1])[1:-1, 1:-1, 1:-1]
 
 
-def bladders(folder: Path = DATA) -> list[Bladder]:
-    """All of them; none where the data is absent."""
-    return [load_bladder(name, folder) for name in NAMES if (folder / f"{name}_t2.nii.gz").exists()]
+def bladders(folder: Path = DATA, names: tuple[str, ...] = NAMES) -> list[Bladder]:
+    """Those of some names; none where the data is absent."""
+    return [load_bladder(name, folder) for name in names if (folder / f"{name}_t2.nii.gz").exists()]

@@ -20,6 +20,7 @@ THREADS = "OMP_NUM_THREADS"
 
 TITLES = {
     "accuracy": "Surfaces against truth and experts: fitted, smoothed triangles, the paper",
+    "experts": "One click in real MRI",
     "nets": "Control nets of different sizes",
     "robustness": "Seeds and grey levels moved at random",
     "confidence": "Errors against the standard deviations that fits tell",
@@ -45,6 +46,7 @@ def reports() -> dict[str, Callable[..., str]]:
     import accuracy
     import boundaries
     import confidence
+    import experts
     import growth
     import hippocampus
     import meshes
@@ -58,6 +60,7 @@ def reports() -> dict[str, Callable[..., str]]:
 
     functions = {
         "accuracy": accuracy.report,
+        "experts": experts.report,
         "nets": nets.report,
         "robustness": robustness.report,
         "confidence": confidence.report,

@@ -1,0 +1,107 @@
+"""From one click to a surface in real MRI: seven bladders that experts have drawn, from many places in each."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from bladders import HARD, NAMES, Bladder, bladders, other_seeds
+from measuring import table
+
+from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
+
+N_PLACES = 8
+N_POINTS = 4000
+# What is asked for: the mean from the deepest place, and from anywhere.
+DEEPEST_MM, ANYWHERE_MM = 1.0, 1.5
+
+
+@dataclass(frozen=True)
+class Started:
+    """What came of one click.
+
+    Parameters
+    ----------
+    mean, p95 : float
+        Of the distances of points on the experts' surface from the fitted one, mm; infinite if there is none.
+    dice : float
+        Of the region that was fitted to, and the experts' lumen.
+    seconds : float
+        From the click to the surface.
+    told : str
+        What the fit said of itself, or why there is none.
+    """
+
+    mean: float
+    p95: float
+    dice: float
+    seconds: float
+    told: str
+
+
+def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
+    """Fit one bladder from one place with default options, and measure it at points of the experts' surface."""
+    start = time.perf_counter()
+    try:
+        fit = finish(fit_organ(bladder.image, seed))
+    except ValueError as error:
+        return Started(np.inf, np.inf, 0.0, time.perf_counter() - start, str(error).split(";")[0])
+    seconds = time.perf_counter() - start
+    away = np.abs(closest_points(fit.surface, points).distances)
+    return Started(float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit), seconds, told(fit))
+
+
+def overlap(bladder: Bladder, fit: OrganFit) -> float:
+    """Dice of the region that was fitted to, and the lumen."""
+    masks = []
+    for region in (bladder.lumen, fit.region):
+        mask = np.zeros(bladder.image.array.shape, dtype=bool)
+        mask[tuple(slice(first, first + size) for first, size in zip(region.offset, region.mask.shape))] = region.mask
+        masks.append(mask)
+    return float(2.0 * np.count_nonzero(masks[0] & masks[1]) / sum(map(np.count_nonzero, masks)))
+
+
+def told(fit: OrganFit) -> str:
+    """What a fit says of itself."""
+    return ", ".join(problem.kind for problem in fit.problems) or "valid"
+
+
+def report(*, quick: bool) -> str:
+    """Fit each bladder from its deepest place, and from places anywhere in its lumen."""
+    rows = [["bladder", "place", "mean mm", "95 % mm", "Dice", "s", "surface"]]
+    deepest, anywhere, seconds = [], [], {}
+    for bladder in bladders(names=NAMES + HARD):
+        points = points_on(closed_mesh(mesh_of_mask(bladder.lumen.image)), N_POINTS)
+        places = [] if quick else list(other_seeds(bladder, N_PLACES))
+        found = [started(bladder, points, seed) for seed in (bladder.seed, *places)]
+        deepest.append(found[0].mean)
+        anywhere += [one.mean for one in found[1:]]
+        seconds[bladder.name] = np.median([one.seconds for one in found])
+        rows += [
+            [bladder.name, str(number or "deepest"), f"{one.mean:.2f}", f"{one.p95:.2f}", f"{one.dice:.3f}"]
+            + [f"{one.seconds:.1f}", one.told]
+            for number, one in enumerate(found)
+        ]
+    if not deepest:
+        return "  The data is absent."
+    slowest = max(seconds, key=seconds.get)
+    lines = [
+        f"{np.count_nonzero(np.array(found) < limit)} of {len(found)} under {limit:g} mm from {where}"
+        for where, found in (("the deepest place", deepest), ("anywhere", anywhere))
+        for limit in (DEEPEST_MM, ANYWHERE_MM)
+        if found
+    ]
+    return "\n\n".join(
+        [
+            "  One click and default options. Distances: from points of the experts' lumen to the fitted surface. "
+            "Dice: of the\n  separated region. Deepest: the place in the lumen that is farthest from its wall; others: "
+            "anywhere in it, at random.",
+            table(rows),
+            "\n".join(f"  {line}" for line in lines),
+            f"  The slowest, {slowest}, takes {seconds[slowest] / np.median(list(seconds.values())):.1f} times as long "
+            "as the median one (medians over the places).",
+        ]
+    )
