@@ -14,7 +14,7 @@ MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
 # Each folder imports from those in the rows above it only.
 ROWS = (
-    ("transactions", "file_names", "messages", "organ_colours"),
+    ("transactions", "file_names", "messages", "organ_colours", "surface_formats"),
     ("files",),
     ("geometry", "imaging"),
     ("segmentation",),
@@ -24,7 +24,7 @@ ROWS = (
     ("phantoms", "meshing"),
     ("report",),
     ("validation",),
-    ("mrml", "cli"),
+    ("mrml", "cli", "api"),
     ("gui", "demo"),
 )
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}

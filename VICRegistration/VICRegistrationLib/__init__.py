@@ -1,3 +1,71 @@
-"""Fitting of smooth B-spline surfaces to organs in medical images by virtual image correlation."""
+"""Fitting of smooth B-spline surfaces to organs in medical images by virtual image correlation.
+
+>>> import VICRegistrationLib as vic
+
+reads images (:func:`read_image`), separates organs (:func:`separate`), fits surfaces (:func:`fit`, :func:`fit_region`,
+:func:`refit`), compares them (:func:`compare`) and writes them (:meth:`BSplineSurface.save`). Positions are RAS mm.
+
+References
+----------
+.. [1] Z. Jiang, O. Mayeur, J.-F. Witz, P. Lecomte-Grosbras, J. Dequidt, M. Cosson, C. Duriez and M. Brieu: Virtual
+   image correlation of magnetic resonance images for 3D geometric modelling of pelvic organs. Strain 55(3):e12305,
+   2019. doi:10.1111/str.12305
+"""
+
+import importlib
+
+from .surface_formats import register
 
 __version__ = "0.1.0"
+
+# Public names by the module that holds them. They are imported when they are asked for: SciPy, SimpleITK and VTK take
+# longer to import than this package.
+_MODULES = {
+    "BSplineSurface": "geometry.surface",
+    "FitOptions": "registration.options",
+    "Image": "imaging.image",
+    "OrganFit": "registration.organ",
+    "Region": "imaging.region",
+    "compare": "api",
+    "fit": "api",
+    "fit_region": "api",
+    "read_image": "imaging.reading",
+    "read_surface": "api",
+    "refit": "api",
+    "region_from_mask": "imaging.region",
+    "separate": "segmentation.separation",
+}
+__all__ = sorted(_MODULES)  # noqa: PLE0605
+
+
+def __getattr__(name):
+    """Import a public name when it is asked for first (PEP 562)."""
+    if name not in _MODULES:
+        msg = f"module '{__name__}' has no attribute '{name}'"
+        raise AttributeError(msg)
+    value = getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    """Names of the package, those that were not asked for yet too."""
+    return sorted({*globals(), *__all__})
+
+
+def _register_formats():
+    """Tell in which formats surfaces are written, without importing what writes them."""
+
+    def later(module, function):
+        return lambda *arguments, **choices: getattr(importlib.import_module(module, __name__), function)(
+            *arguments, **choices
+        )
+
+    register(".json", later(".geometry.surface_file", "write_surface"))
+    for suffix in (".step", ".stp"):
+        register(suffix, later(".export.step", "write_step_surface"))
+    for suffix in (".vtp", ".stl", ".ply"):
+        register(suffix, later(".export.mesh_files", "write_mesh"))
+
+
+_register_formats()

@@ -74,6 +74,28 @@ def write_step(
         draft.write_text(text, encoding="ascii")
 
 
+def write_step_surface(surface: BSplineSurface, path: str | os.PathLike, *, name: str, faces: int = 1) -> None:
+    """Write one surface as a STEP file.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        RAS mm.
+    path : path
+        File to write; its folder must exist.
+    name : str
+        Name of the organ.
+    faces : int
+        As in :func:`step_text`.
+
+    Raises
+    ------
+    ValueError, OSError
+        As :func:`write_step`.
+    """
+    write_step([Solid(name, surface)], path, faces=faces)
+
+
 def validate_solids(solids: Sequence[Solid], *, require_closed: bool = True) -> None:
     """Look at every surface as the boundary of a solid.
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from ..surface_formats import writer_of
 from . import bspline
 
 # Two control points closer than this fraction of the net's size are one point: seams and poles.
@@ -33,6 +36,24 @@ class BSplineSurface:
     Notes
     -----
     The normal is that of S_u x S_v. The generic models are oriented so that it points outward.
+
+    References
+    ----------
+    .. [1] L. Piegl and W. Tiller: The NURBS Book. Springer, 2nd edition, 1997, chapter 3.
+
+    Examples
+    --------
+    The generic model of a closed organ, as a ball with a radius of 16 mm:
+
+    >>> import numpy as np
+    >>> from VICRegistrationLib.geometry.models import closed_organ
+    >>> ball = closed_organ((9, 7), axes=16.0 * np.eye(3))
+    >>> ball
+    BSplineSurface(11 x 7 control points of degrees (3, 3), 63 mm large)
+    >>> print(f"{ball.volume() / 1000:.1f} ml, {ball.area() / 100:.0f} cm2")
+    17.1 ml, 32 cm2
+    >>> ball.points([0.5], [0.5]).shape
+    (1, 3)
     """
 
     degrees: tuple[int, int]
@@ -60,6 +81,11 @@ class BSplineSurface:
         object.__setattr__(self, "knots_v", knots_v)
         object.__setattr__(self, "control_net", net)
 
+    def __repr__(self) -> str:
+        """Tell the size of the net, not its points."""
+        rows, columns = self.control_net.shape[:2]
+        return f"BSplineSurface({rows} x {columns} control points of degrees {self.degrees}, {self.size:.3g} mm large)"
+
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Parameter ranges ``((u_min, u_max), (v_min, v_max))``."""
@@ -69,6 +95,39 @@ class BSplineSurface:
     def size(self) -> float:
         """Diagonal of the control net's bounding box, mm."""
         return float(np.linalg.norm(np.ptp(self.control_net.reshape(-1, 3), axis=0)))
+
+    def save(self, path: str | os.PathLike, *, name: str = "", **choices) -> None:
+        """Write the surface to a file, completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Its ending chooses the format: .json (all control points), .step or .stp (an exact solid, for CAD), .vtp
+            (triangles with all control points inside), .stl or .ply (triangles). Its folder must exist.
+        name : str
+            Name of the organ; that of the file if not given.
+        **choices
+            Of the format: ``chord_error`` in mm for triangles, ``faces`` for STEP.
+
+        Raises
+        ------
+        ValueError
+            If no format has this ending, or the surface is no valid solid (STEP).
+        OSError
+            If the file cannot be written; a file of that name is left as it was.
+
+        Examples
+        --------
+        >>> import numpy as np, os, tempfile
+        >>> from VICRegistrationLib.geometry.models import closed_organ
+        >>> ball = closed_organ((9, 7), axes=16.0 * np.eye(3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     ball.save(os.path.join(folder, "ball.step"))
+        ...     ball.save(os.path.join(folder, "ball.stl"), chord_error=0.1)
+        ...     print(sorted(os.listdir(folder)))
+        ['ball.step', 'ball.stl']
+        """
+        writer_of(path)(self, path, name=name or Path(path).stem, **choices)
 
     def with_control_net(self, control_net: np.ndarray) -> BSplineSurface:
         """Put the same degrees and knots over another control net, (n_u, n_v, 3) RAS mm."""

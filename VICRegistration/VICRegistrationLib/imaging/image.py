@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,10 +32,48 @@ class Image:
     ValueError
         If the array is not a three-dimensional grid of finite numbers up to 1e100 with two voxels or more along
         every axis, or the matrix cannot place it.
+
+    Examples
+    --------
+    Sagittal slices of 4 mm, pixels of 1 mm: i runs to the back, j to the feet, k to the right.
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> matrix = [[0, 0, 4, -40], [-1, 0, 0, 60], [0, -1, 0, 80], [0, 0, 0, 1]]
+    >>> image = vic.Image.from_array(np.zeros((20, 160, 120), dtype=np.int16), matrix)
+    >>> image
+    Image(120 x 160 x 20 voxels of 1 x 1 x 4 mm, int16)
+    >>> image.to_ras([[0, 0, 19]])
+    array([[36., 60., 80.]])
     """
 
     array: np.ndarray
     ijk_to_ras: np.ndarray
+
+    @classmethod
+    def from_array(cls, array, ijk_to_ras) -> Image:
+        """Make an image of an array and the matrix that places its voxels.
+
+        Parameters
+        ----------
+        array : array_like, shape (nk, nj, ni)
+        ijk_to_ras : array_like, shape (4, 4)
+            As for the class.
+
+        Returns
+        -------
+        Image
+
+        Raises
+        ------
+        ValueError
+            As for the class.
+        """
+        return cls(np.asarray(array), ijk_to_ras)
+
+    def __repr__(self):
+        sizes, steps = (" x ".join(f"{value:.3g}" for value in values) for values in (self.size, self.spacing))
+        return f"Image({sizes} voxels of {steps} mm, {self.array.dtype})"
 
     def __post_init__(self):
         array = np.asarray(self.array)
@@ -144,6 +183,37 @@ def _view(array, ijk_to_ras):
     image = object.__new__(Image)
     object.__setattr__(image, "array", array)
     object.__setattr__(image, "ijk_to_ras", _checked_matrix(ijk_to_ras))
+    return image
+
+
+def as_image(image) -> Image:
+    """Take an image, or read the one at a path.
+
+    Parameters
+    ----------
+    image : Image or path-like
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    TypeError
+        If it is neither.
+    ValueError
+        As :func:`.reading.read_image`.
+    """
+    if isinstance(image, (str, os.PathLike)):
+        from .reading import read_image
+
+        return read_image(image)
+    if not isinstance(image, Image):
+        msg = (
+            f"An image is needed, and {type(image).__name__} was given; make one with Image.from_array(array, "
+            "ijk_to_ras), or give the path of a file."
+        )
+        raise TypeError(msg)
     return image
 
 

@@ -42,6 +42,18 @@ def read_image(path, *, series: str | None = None, component: int | None = None)
         If there is nothing at `path`, it cannot be read, it is not one grey-level volume (colour, several
         frames, a single slice), voxels are not finite, a NIfTI file's spacing is not positive, or the DICOM series
         is not clear or has uneven slices.
+
+    Examples
+    --------
+    >>> import numpy as np, os, tempfile
+    >>> import VICRegistrationLib as vic
+    >>> from VICRegistrationLib.imaging.reading import write_image
+    >>> image = vic.Image.from_array(np.zeros((10, 20, 20), dtype=np.int16), np.diag([1, 1, 3, 1]))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = os.path.join(folder, "mri.nii.gz")
+    ...     write_image(image, path)
+    ...     vic.read_image(path)
+    Image(20 x 20 x 10 voxels of 1 x 1 x 3 mm, int16)
     """
     path = Path(path)
     if not path.exists():

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from ..messages import Diagnostic
 from .boxes import bounds
-from .image import Image
+from .image import Image, as_image
 from .morphology import fill_holes
 
 _FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
@@ -36,6 +36,16 @@ class Region:
         Radius of the erosion in mm; None if the mask was given.
     diagnostics : tuple of Diagnostic
         What looks wrong with the region; empty if nothing does.
+
+    Examples
+    --------
+    See :func:`region_from_mask`.
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> image = vic.Image.from_array(np.zeros((4, 4, 4)), np.eye(4))
+    >>> vic.region_from_mask(image, np.ones((4, 4, 4))).touches_border
+    ('k-', 'k+', 'j-', 'j+', 'i-', 'i+')
     """
 
     mask: np.ndarray
@@ -45,6 +55,11 @@ class Region:
     touches_border: tuple
     erosion: float | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
+
+    def __repr__(self):
+        nk, nj, ni = self.mask.shape
+        limits = "" if self.threshold is None else ", grey levels {:.4g} to {:.4g}".format(*self.threshold)
+        return f"Region({self.volume_ml:.3g} ml in {ni} x {nj} x {nk} voxels{limits})"
 
     @property
     def image(self) -> Image:
@@ -82,8 +97,18 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
     ------
     ValueError
         If the mask is empty or has another shape than the image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> image = vic.Image.from_array(np.zeros((10, 20, 20)), np.diag([1, 1, 3, 1]))
+    >>> mask = np.zeros(image.array.shape, dtype=bool)
+    >>> mask[3:7, 5:15, 5:15] = True
+    >>> vic.region_from_mask(image, mask)
+    Region(1.2 ml in 12 x 12 x 6 voxels)
     """
-    mask = np.asarray(mask)
+    image, mask = as_image(image), np.asarray(mask)
     if mask.shape != image.array.shape:
         msg = (
             f"The mask has shape {mask.shape} and the image {image.array.shape} (k, j, i); they must share "
@@ -119,7 +144,7 @@ def region_from_box(image: Image, corners) -> Region:
     ValueError
         If the box is no box, or holds no voxel of the image.
     """
-    corners = np.asarray(corners, dtype=float)
+    image, corners = as_image(image), np.asarray(corners, dtype=float)
     if corners.shape != (2, 3) or not np.isfinite(corners).all() or np.any(corners[0] == corners[1]):
         msg = (
             f"The box {corners.tolist()} was given; two opposite corners R, A, S in mm are needed, with a length, a "

@@ -19,7 +19,7 @@ import numpy as np
 from ..geometry.models import generic_model
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
-from ..imaging.image import Image
+from ..imaging.image import Image, as_image
 from ..imaging.moments import Moments, moments
 from ..imaging.region import Region
 from ..messages import Diagnostic
@@ -73,6 +73,20 @@ class OrganFit:
         What was chosen for the net, tau and the smoothness, and why.
     image : Image
         The grey levels that it was fitted to.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> fit = vic.fit(image, [[23, 23, 23]], net=(9, 7))
+    >>> print(f"{fit.surface.volume() / 1000.0:.1f} ml")
+    17.2 ml
+    >>> fit.problems
+    ()
+    >>> bool(fit.confidence.volume_sd_ml < 1.0)
+    True
     """
 
     surface: BSplineSurface
@@ -87,6 +101,14 @@ class OrganFit:
     uncorrected: BSplineSurface
     choices: tuple[Choice, ...]
     image: Image
+
+    def __repr__(self) -> str:
+        """Tell the result in one line."""
+        end = "converged" if self.converged else "not converged"
+        return (
+            f"OrganFit({self.surface.volume() / 1000.0:.3g} ml, net {net_text(self.options.net)}, {end} after "
+            f"{self.iterations} iterations, cost {self.cost_final:.3g}, {self.seconds:.2g} s)"
+        )
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
@@ -116,7 +138,7 @@ def fit_organ(
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
     seeds : (n, 3) array_like
         Points inside the organ, RAS mm.
     options : FitOptions, optional
@@ -137,7 +159,7 @@ def fit_organ(
     ValueError
         If the organ cannot be separated, or a boundary point cannot be used.
     """
-    options = options or FitOptions()
+    image, options = as_image(image), options or FitOptions()
     points = checked_boundary_points(boundary_points)
     region = separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
     return (yield from fit_region(image, region, options, boundary_points=points))
@@ -150,7 +172,7 @@ def fit_region(
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
         The grey levels.
     region : Region
         The separated organ, on the image's grid.
@@ -173,7 +195,7 @@ def fit_region(
         If the volume is not given in mm, the region is too thin for a surface or does not lie on the image's grid, or a
         boundary point is not finite or more than 30 mm away from the fitted surface.
     """
-    start = time.perf_counter()
+    start, image = time.perf_counter(), as_image(image)
     check_scale(image)
     _check_grid(image, region)
     points = checked_boundary_points(boundary_points)
@@ -211,7 +233,7 @@ def refit(
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
         The grey levels.
     surface : BSplineSurface
         A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options.
@@ -235,7 +257,7 @@ def refit(
         If the surface is no closed organ or lies outside of the volume, or a boundary point is not finite or more than
         30 mm away from the surface.
     """
-    start = time.perf_counter()
+    start, image = time.perf_counter(), as_image(image)
     points = checked_boundary_points(boundary_points)
     closure = closure_of(surface)
     options = replace(options or FitOptions(), closure=closure, net=net_of(surface, closure))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..imaging.boxes import ball_box, bounds, pieces
-from ..imaging.image import Image
+from ..imaging.image import Image, as_image
 from ..imaging.morphology import ball_reach, dilate, erode
 from ..imaging.region import Region, region_from_crop
 from .checks import (
@@ -49,7 +49,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
     seeds : array_like, shape (n, 3) or (3,)
         Points in the organ, RAS mm. A seed up to 4 mm beside the voxels within the threshold is moved to the nearest.
     threshold : (float, float), optional
@@ -81,7 +81,18 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     -----
     All steps run on a box around the seeds that grows on the sides where the eroded component meets it, so
     the result is that of the whole volume and the cost that of the organ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> region = vic.separate(image, [[23, 23, 23]])
+    >>> region.touches_border
+    ()
     """
+    image = as_image(image)
     check_scale(image)
     seeds = checked_seeds(image, seeds)
     given = None if threshold is None else Limits.constant(*checked_threshold(threshold))

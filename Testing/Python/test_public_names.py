@@ -1,0 +1,144 @@
+"""What `import VICRegistrationLib as vic` offers: fast to import, and with examples that run."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_phantom import CENTER, ellipsoid, ellipsoid_image
+
+import VICRegistrationLib as vic
+from VICRegistrationLib.imaging.reading import write_image
+
+ROOT = Path(__file__).resolve().parents[2]
+# Formats that hold every control point, and those of triangles or solids.
+EXACT, OTHERS = (".json", ".vtp"), (".step", ".stp", ".stl", ".ply")
+
+
+@pytest.fixture(scope="module")
+def image():
+    return ellipsoid_image()
+
+
+@pytest.fixture(scope="module")
+def fit(image):
+    return vic.fit(image, CENTER, net=(9, 7))
+
+
+@pytest.mark.parametrize("name", sorted({*vic.__all__} - {"FitOptions"}))
+def test_examples_of_a_public_name_run(name):
+    tests = [test for test in doctest.DocTestFinder().find(getattr(vic, name), name, globs={}) if test.examples]
+    runner = doctest.DocTestRunner(verbose=False)
+    for test in tests:
+        runner.run(test)
+    assert name in {test.name for test in tests}
+    assert runner.failures == 0
+
+
+def test_importing_the_package_imports_neither_numpy_nor_vtk():
+    code = "import sys, VICRegistrationLib; print(*sys.modules)"
+    path = os.pathsep.join(sys.path)
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    loaded = {name.split(".")[0] for name in found.stdout.split()}
+    assert not loaded & {"numpy", "scipy", "vtkmodules", "vtk", "SimpleITK", "matplotlib"}
+
+
+def test_names_are_listed_and_others_are_an_attribute_error():
+    assert set(vic.__all__) <= set(dir(vic))
+    with pytest.raises(AttributeError, match="fitt"):
+        vic.fitt  # noqa: B018
+
+
+def test_objects_are_shown_in_one_line(image, fit):
+    assert repr(image) == "Image(52 x 56 x 22 voxels of 1.2 x 1.2 x 3 mm, int16)"
+    for shown in (fit, fit.region, fit.surface):
+        assert len(repr(shown)) < 120
+        assert "\n" not in repr(shown)
+
+
+def test_a_path_stands_for_the_image_in_it(image, fit, tmp_path):
+    path = tmp_path / "mri.nii.gz"
+    write_image(image, path)
+    region = vic.separate(path, CENTER)
+    np.testing.assert_array_equal(region.mask, fit.region.mask)
+    for again in (vic.fit(str(path), CENTER, net=(9, 7)), vic.fit_region(path, region, net=(9, 7))):
+        # Matrices of NIfTI files have single precision.
+        np.testing.assert_allclose(again.surface.control_net, fit.surface.control_net, atol=1e-3)
+
+
+@pytest.mark.parametrize("call", [vic.separate, vic.fit, vic.fit_region, vic.refit, vic.region_from_mask])
+def test_an_array_is_no_image(call):
+    with pytest.raises(TypeError, match=r"ndarray was given; make one with Image.from_array\(array, ijk_to_ras\)"):
+        call(np.zeros((5, 5, 5)), None)
+
+
+def test_single_choices_count_before_those_of_the_options(image):
+    found = vic.fit(image, CENTER, vic.FitOptions(net=(17, 11), tau=2.0), net=(9, 7))
+    assert (found.options.net, found.options.tau) == ((9, 7), 2.0)
+    with pytest.raises(TypeError, match="There is no option nett; the options are .*net"):
+        vic.fit(image, CENTER, nett=(9, 7))
+
+
+def test_steps_are_handed_on(image, fit):
+    steps = []
+    vic.refit(image, fit.surface, on_step=steps.append)
+    assert steps
+    assert all(step.surface.control_net.shape == fit.surface.control_net.shape for step in steps)
+
+
+@pytest.mark.parametrize("suffix", [*EXACT, *OTHERS, ".STL"])
+def test_a_surface_is_saved_in_the_format_of_its_ending(tmp_path, suffix):
+    path, surface = tmp_path / f"organ{suffix}", ellipsoid()
+    surface.save(path)
+    content = path.read_bytes()
+    if suffix in EXACT:
+        np.testing.assert_array_equal(vic.read_surface(path).control_net, surface.control_net)
+    else:
+        starts = {".step": b"ISO-10303-21", ".stp": b"ISO-10303-21", ".ply": b"ply"}
+        assert content.startswith(starts.get(suffix, b"3D Slicer output"))
+
+
+def test_another_ending_is_refused_by_a_sentence_with_those_there_are(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"x.iges was asked for; .* \.json, \.step, \.stp, \.vtp, \.stl, \.ply\. Choose"
+    ):
+        ellipsoid().save(tmp_path / "x.iges")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_triangles_are_as_fine_as_asked_for(tmp_path):
+    sizes = []
+    for chord_error in (0.1, 1.0):
+        ellipsoid().save(tmp_path / "organ.stl", chord_error=chord_error)
+        sizes.append(Path(tmp_path / "organ.stl").stat().st_size)
+    assert sizes[0] > 5 * sizes[1]
+
+
+def test_a_surface_is_compared_with_another_one_and_with_a_file(fit, tmp_path):
+    ellipsoid().save(tmp_path / "truth.json")
+    found = [vic.compare(fit.surface, reference, n_points=500) for reference in (ellipsoid(), tmp_path / "truth.json")]
+    assert found[0].to_surface.mean == found[1].to_surface.mean < 0.2
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+def test_the_code_of_a_page_runs(page, image, fit, tmp_path, monkeypatch, capsys):
+    labels = np.zeros(image.array.shape, dtype=np.uint8)
+    corner = fit.region.offset
+    labels[tuple(slice(low, low + size) for low, size in zip(corner, fit.region.mask.shape))] = fit.region.mask
+    monkeypatch.chdir(tmp_path)
+    write_image(image, "scan.nii.gz")
+    write_image(vic.Image(labels, image.ijk_to_ras), "labels.nii.gz")
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    names = {}
+    for block in blocks:
+        exec(compile(block, page, "exec"), names)
+    assert (tmp_path / "bladder.step").is_file()
+    assert "ml" in capsys.readouterr().out

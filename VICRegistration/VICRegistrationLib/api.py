@@ -1,0 +1,261 @@
+"""Functions of the package itself: a fit that runs to its end, a comparison, a surface from a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from .geometry.surface import BSplineSurface
+from .imaging.image import Image
+from .imaging.region import Region
+from .registration import organ
+from .registration.options import FitOptions
+from .registration.organ import OrganFit, finish
+from .registration.stages import Step
+
+
+def fit(
+    image: Image | str | os.PathLike,
+    seeds: np.ndarray,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    **choices,
+) -> OrganFit:
+    """Separate an organ and fit a surface to it.
+
+    Parameters
+    ----------
+    image : Image or path
+    seeds : (n, 3) array_like
+        Points inside the organ, RAS mm.
+    options : FitOptions, optional
+    boundary_points : (n, 3) array_like, optional
+        Points that the surface is to pass through, RAS mm.
+    on_step : callable, optional
+        Called with every step of the fit: stage, iteration, cost, displacement, surface. To stop between two steps,
+        iterate over :func:`.registration.organ.fit_organ` instead.
+    **choices
+        Options of :class:`FitOptions`, such as ``net=(9, 7)``; they count before those of `options`.
+
+    Returns
+    -------
+    OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the image cannot be read, the organ cannot be separated, or a boundary point or an option cannot be used.
+
+    References
+    ----------
+    .. [1] Z. Jiang et al.: Virtual image correlation of magnetic resonance images for 3D geometric modelling of pelvic
+       organs. Strain 55(3):e12305, 2019. doi:10.1111/str.12305
+
+    Examples
+    --------
+    A ball with a radius of 16 mm, in voxels of 2 mm:
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> fit = vic.fit(image, [[23, 23, 23]], net=(9, 7))
+    >>> fit.converged
+    True
+    >>> print(f"{fit.surface.volume() / 1000:.1f} ml")
+    17.2 ml
+    """
+    steps = organ.fit_organ(image, seeds, _options(options, choices), boundary_points=boundary_points)
+    return finish(steps, on_step)
+
+
+def fit_region(
+    image: Image | str | os.PathLike,
+    region: Region,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    **choices,
+) -> OrganFit:
+    """Fit a surface to a separated region and to the grey levels.
+
+    Parameters
+    ----------
+    image : Image or path
+    region : Region
+        From :func:`separate` or :func:`region_from_mask`, on the image's grid.
+    options, boundary_points, on_step, **choices
+        As for :func:`fit`.
+
+    Returns
+    -------
+    OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the region is too thin for a surface or does not lie on the image's grid; and as in :func:`fit`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> region = vic.region_from_mask(image, image.array > 50)
+    >>> vic.fit_region(image, region, net=(9, 7)).options.net
+    (9, 7)
+    """
+    steps = organ.fit_region(image, region, _options(options, choices), boundary_points=boundary_points)
+    return finish(steps, on_step)
+
+
+def refit(
+    image: Image | str | os.PathLike,
+    surface: BSplineSurface,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    region: Region | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    **choices,
+) -> OrganFit:
+    """Fit a surface again: to the grey levels, or through points on the wall.
+
+    Parameters
+    ----------
+    image : Image or path
+    surface : BSplineSurface
+        A closed organ near its edge, RAS mm.
+    options, boundary_points, on_step, **choices
+        As for :func:`fit`; net and closure are those of the surface. With boundary points the surface moves in their
+        surroundings only.
+    region : Region, optional
+        What the surface was fitted to before; it is only handed on.
+
+    Returns
+    -------
+    OrganFit
+
+    Raises
+    ------
+    ValueError
+        If the surface is no closed organ or lies outside of the volume; and as in :func:`fit`.
+
+    Examples
+    --------
+    A point 3 mm beside the ball of :func:`fit` is reached:
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> from VICRegistrationLib.geometry.projection import closest_points
+    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> fit = vic.fit(image, [[23, 23, 23]], net=(9, 7))
+    >>> point = np.array([[23, 23, 42]])
+    >>> corrected = vic.refit(image, fit.surface, boundary_points=point)
+    >>> bool(abs(closest_points(corrected.surface, point).distances[0]) < 0.2)
+    True
+    """
+    steps = organ.refit(image, surface, _options(options, choices), boundary_points=boundary_points, region=region)
+    return finish(steps, on_step)
+
+
+def compare(surface: BSplineSurface, reference, *, label: int | str | None = None, **choices):
+    """Compare a surface with a reference: distances both ways, surface and volume Dice.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        Closed, RAS mm.
+    reference : BSplineSurface, ReferenceMesh or path
+        Another surface; or a file with a surface, a mesh, or labels of an expert on any grid.
+    label : int or str, optional
+        Value or name of the organ's label, for a file with several.
+    **choices
+        As for :func:`.analysis.comparison.compare`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ValueError
+        If one of both is open or has no volume, or the file holds no reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> from VICRegistrationLib.geometry.models import closed_organ
+    >>> ball, larger = (closed_organ((9, 7), axes=radius * np.eye(3)) for radius in (16.0, 17.0))
+    >>> found = vic.compare(larger, ball, n_points=1000)
+    >>> print(f"{found.to_surface.mean:.1f} mm")
+    1.0 mm
+    """
+    from .analysis.comparison import compare as compared
+    from .analysis.references import read_reference
+
+    if isinstance(reference, (str, os.PathLike)):
+        reference = read_reference(reference, label=label).reference
+    return compared(surface, reference, **choices)
+
+
+def read_surface(path: str | os.PathLike) -> BSplineSurface:
+    """Read a surface that was saved with all of its control points.
+
+    Parameters
+    ----------
+    path : path
+        A .json or .vtp file.
+
+    Returns
+    -------
+    BSplineSurface
+        RAS mm.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it holds no surface.
+
+    Examples
+    --------
+    >>> import numpy as np, os, tempfile
+    >>> import VICRegistrationLib as vic
+    >>> from VICRegistrationLib.geometry.models import closed_organ
+    >>> ball = closed_organ((9, 7), axes=16.0 * np.eye(3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = os.path.join(folder, "ball.json")
+    ...     ball.save(path)
+    ...     again = vic.read_surface(path)
+    >>> np.array_equal(again.control_net, ball.control_net)
+    True
+    """
+    if Path(path).suffix.lower() == ".vtp":
+        from .export.mesh_files import read_vtp_surface
+
+        return read_vtp_surface(path)
+    from .geometry.surface_file import read_surface as read
+
+    return read(path)
+
+
+def _options(options: FitOptions | None, choices: dict) -> FitOptions:
+    """Put single choices in place of those of the options."""
+    known = [field.name for field in fields(FitOptions)]
+    unknown = [name for name in choices if name not in known]
+    if unknown:
+        msg = f"There is no option {', '.join(unknown)}; the options are {', '.join(known)}."
+        raise TypeError(msg)
+    return replace(options or FitOptions(), **choices)
