@@ -107,9 +107,7 @@ def test_a_surface_is_saved_in_the_format_of_its_ending(tmp_path, suffix):
 
 
 def test_another_ending_is_refused_by_a_sentence_with_those_there_are(tmp_path):
-    with pytest.raises(
-        ValueError, match=r"x.iges was asked for; .* \.json, \.step, \.stp, \.vtp, \.stl, \.ply\. Choose"
-    ):
+    with pytest.raises(ValueError, match=r"x.iges was asked for; .* \.json, \.step, \.stp, \.vtp, \.stl, \.ply\."):
         ellipsoid().save(tmp_path / "x.iges")
     assert list(tmp_path.iterdir()) == []
 

@@ -14,7 +14,7 @@ References
 
 import importlib
 
-from .surface_formats import register
+from . import surface_formats
 
 __version__ = "0.1.0"
 
@@ -53,19 +53,15 @@ def __dir__():
     return sorted({*globals(), *__all__})
 
 
-def _register_formats():
-    """Tell in which formats surfaces are written, without importing what writes them."""
-
-    def later(module, function):
-        return lambda *arguments, **choices: getattr(importlib.import_module(module, __name__), function)(
-            *arguments, **choices
-        )
-
-    register(".json", later(".geometry.surface_file", "write_surface"))
-    for suffix in (".step", ".stp"):
-        register(suffix, later(".export.step", "write_step_surface"))
-    for suffix in (".vtp", ".stl", ".ply"):
-        register(suffix, later(".export.mesh_files", "write_mesh"))
+def _later(module, function):
+    """Make a function that imports another one when it is called."""
+    return lambda *arguments, **choices: getattr(importlib.import_module(module, __name__), function)(
+        *arguments, **choices
+    )
 
 
-_register_formats()
+surface_formats.writers = {
+    ".json": _later(".geometry.surface_file", "write_surface"),
+    **dict.fromkeys((".step", ".stp"), _later(".export.step", "write_step_surface")),
+    **dict.fromkeys((".vtp", ".stl", ".ply"), _later(".export.mesh_files", "write_mesh")),
+}

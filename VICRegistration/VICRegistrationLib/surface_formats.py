@@ -10,20 +10,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-_writers: dict[str, Callable[..., None]] = {}
-
-
-def register(suffix: str, writer: Callable[..., None]) -> None:
-    """Have a format written by a function.
-
-    Parameters
-    ----------
-    suffix : str
-        Ending of the file's name with its dot, in lower case.
-    writer : callable
-        Called as ``writer(surface, path, name=name, **choices)``.
-    """
-    _writers[suffix] = writer
+# By the ending with its dot, in lower case; called as ``writer(surface, path, name=name, **choices)``.
+writers: dict[str, Callable[..., None]] = {}
 
 
 def writer_of(path: str | os.PathLike) -> Callable[..., None]:
@@ -43,7 +31,7 @@ def writer_of(path: str | os.PathLike) -> Callable[..., None]:
         If no format has that ending.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in _writers:
-        msg = f"The file {path} was asked for; surfaces are written as {', '.join(_writers)}. Choose another ending."
+    if suffix not in writers:
+        msg = f"The file {path} was asked for; surfaces are written as {', '.join(writers)}. Choose another ending."
         raise ValueError(msg)
-    return _writers[suffix]
+    return writers[suffix]
