@@ -9,7 +9,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import VTK_QUADRATIC_TETRA, VTK_QUADRATIC_TRIANGLE, VTK_TETRA, VTK_TRIANGLE
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-from VICRegistrationLib.export.frames import RAS_TO_LPS
+from VICRegistrationLib.frames import RAS_TO_LPS
 from VICRegistrationLib.meshing.elements import EDGES, TetrahedralMesh, faces_of
 
 SIDE, CELLS = 10.0, 4

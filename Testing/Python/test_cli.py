@@ -17,7 +17,7 @@ from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 from VICRegistrationLib import __version__, cli
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.cli.arguments import parsed_arguments
-from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import write_image
 
@@ -79,7 +79,9 @@ def test_the_surface_is_that_of_the_organ(fitted):
 
 def test_the_vtp_file_holds_the_same_surface(fitted):
     record = read_surface_record(fitted / "bladder.json")
-    np.testing.assert_array_equal(read_vtp_surface(fitted / "bladder.vtp").control_net, record.surface.control_net)
+    np.testing.assert_array_equal(
+        read_vtp_record(fitted / "bladder.vtp").surface.control_net, record.surface.control_net
+    )
 
 
 def test_the_report_tells_what_was_found(fitted, report, image_path):

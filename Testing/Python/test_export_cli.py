@@ -13,7 +13,8 @@ from vtkmodules.vtkIOGeometry import vtkSTLReader
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.cli.solids import read_solids
-from VICRegistrationLib.export.mesh_files import read_vtp_surface, write_mesh
+from VICRegistrationLib.export.mesh_files import write_mesh
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.export.step import step_text
 from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface_file import read_surface, write_surface
@@ -56,7 +57,7 @@ def test_one_surface_is_written_in_every_format(bladder, out, capsys):
     assert export(bladder, *words) == 0
     assert names(out) == ["b.ply", "b.step", "b.stl", "b.vtp"]
     assert (out / "b.step").read_text() == step_text(read_solids([bladder]))
-    np.testing.assert_array_equal(read_vtp_surface(out / "b.vtp").control_net, organ().control_net)
+    np.testing.assert_array_equal(read_vtp_record(out / "b.vtp").surface.control_net, organ().control_net)
     printed = capsys.readouterr()
     assert (printed.out, printed.err.count("\n")) == ("", 1)
     assert str(out / "b.ply") in printed.err

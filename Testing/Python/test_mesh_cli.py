@@ -10,7 +10,7 @@ from needs_gmsh import gmsh_or_skip
 from small_tetrahedra import read_vtu
 
 from VICRegistrationLib import cli
-from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.meshing.elements import volumes
@@ -68,7 +68,7 @@ def test_several_organs_are_one_mesh(organ, tmp_path, capsys):
 def test_triangles_are_written_on_demand(organ, tmp_path, capsys):
     assert mesh(organ, "--surface", "--size", 4, "--output", tmp_path / "fine.vtp") == 0
     assert "angles: " in capsys.readouterr().out
-    np.testing.assert_array_equal(read_vtp_surface(tmp_path / "fine.vtp").control_net, BALL.control_net)
+    np.testing.assert_array_equal(read_vtp_record(tmp_path / "fine.vtp").surface.control_net, BALL.control_net)
     report = json.loads((tmp_path / "fine.vtp.quality.json").read_text())
     assert report["angle_min"] > 20.0
     for suffix in (".stl", ".ply"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -10,13 +12,12 @@ from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from VICRegistrationLib.export.mesh_files import (
-    read_vtp_record,
-    read_vtp_surface,
     write_mesh,
     write_ply,
     write_stl,
     write_vtp,
 )
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.triangulation import triangulate
@@ -65,7 +66,7 @@ def test_a_vtp_file_holds_the_control_net_with_its_frame(surface, mesh, tmp_path
 
 def test_the_surface_comes_back_to_the_last_bit(surface, mesh, tmp_path):
     write_vtp(mesh, surface, tmp_path / "a.vtp", name="bladder")
-    again = read_vtp_surface(tmp_path / "a.vtp")
+    again = read_vtp_record(tmp_path / "a.vtp").surface
     assert again.degrees == surface.degrees
     np.testing.assert_array_equal(again.knots_u, surface.knots_u)
     np.testing.assert_array_equal(again.knots_v, surface.knots_v)
@@ -102,15 +103,14 @@ def test_any_name_leaves_an_stl_header_of_80_bytes(mesh, tmp_path, name):
     assert int.from_bytes(content[80:84], "little") == len(mesh.triangles)
 
 
-def test_a_ply_file_says_lps_and_holds_points_and_normals_in_lps(mesh, tmp_path):
+def test_a_ply_file_says_lps_and_holds_points_in_lps(mesh, tmp_path):
     write_ply(mesh, tmp_path / "a.ply", name="Blasé\nend_header")
     reader = vtkPLYReader()
     data = read_with(reader, tmp_path / "a.ply")
     comments = [reader.GetComments().GetValue(n) for n in range(reader.GetComments().GetNumberOfValues())]
-    assert comments == ["3D Slicer output. SPACE=LPS", "Blas? end_header"]
+    assert comments[-2:] == ["3D Slicer output. SPACE=LPS", "Blas? end_header"]
     # PLY holds single precision here: 50 mm to 4e-6 mm.
     np.testing.assert_allclose(vtk_to_numpy(data.GetPoints().GetData()), mesh.points * LPS, atol=1e-5)
-    np.testing.assert_allclose(vtk_to_numpy(data.GetPointData().GetNormals()), mesh.normals * LPS, atol=1e-6)
     triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     np.testing.assert_array_equal(triangles, mesh.triangles)
 
@@ -163,13 +163,13 @@ def test_the_name_comes_back_with_the_surface(surface, mesh, tmp_path, name):
 def test_a_file_without_a_surface_is_refused(tmp_path, content, capfd):
     (tmp_path / "a.vtp").write_bytes(content)
     with pytest.raises(ValueError, match=r"a\.vtp lacks degrees, .* in its field data; give a VTP file"):
-        read_vtp_surface(tmp_path / "a.vtp")
+        read_vtp_record(tmp_path / "a.vtp")
     assert capfd.readouterr() == ("", "")
 
 
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(OSError, match=r"none\.vtp cannot be read \(No such file"):
-        read_vtp_surface(tmp_path / "none.vtp")
+        read_vtp_record(tmp_path / "none.vtp")
 
 
 def test_a_file_that_cannot_be_written_leaves_nothing(surface, mesh, tmp_path):
@@ -179,3 +179,21 @@ def test_a_file_that_cannot_be_written_leaves_nothing(surface, mesh, tmp_path):
     with pytest.raises(OSError, match=r"a\.stl cannot be written"):
         write_stl(mesh, tmp_path / "a.stl", name="bladder")
     assert [path.name for path in tmp_path.iterdir()] == ["a.stl"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".vtp"])
+def test_a_file_that_is_cut_short_is_refused(surface, tmp_path, suffix, capfd):
+    import resource
+
+    write_mesh(surface, tmp_path / f"a{suffix}", name="old", chord_error=1.0)
+    before, limits = (tmp_path / f"a{suffix}").read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        with pytest.raises(OSError, match=rf"a\{suffix} cannot be written"):
+            write_mesh(surface, tmp_path / f"a{suffix}", name="new", chord_error=0.1)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (tmp_path / f"a{suffix}").read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+    assert capfd.readouterr() == ("", "")

@@ -9,7 +9,7 @@ from mrml_scenes import slicer
 from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
-from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface_file import read_surface
 
@@ -38,7 +38,7 @@ def test_files_hold_the_surface_where_it_lies_in_the_world(logic, tmp_path, matr
     organ = organ_under(logic, matrix)
     paths = [exportSurfaces([organ], tmp_path, suffix) for suffix in (".step", ".stl", ".ply", ".vtp")]
     assert [path.name for (path,) in paths] == ["bladder.step", "bladder.stl", "bladder.ply", "bladder.vtp"]
-    found = read_vtp_surface(tmp_path / "bladder.vtp")
+    found = read_vtp_record(tmp_path / "bladder.vtp").surface
     # The triangles that are seen in the world lie on it, and its normals point outward.
     np.testing.assert_allclose(
         closest_points(found, mrml_scenes.hardened_points(organ.surface)).distances, 0.0, atol=1e-6

@@ -11,7 +11,7 @@ from small_phantom import CENTER, SEED, ellipsoid
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.export.mesh_files import read_vtp_surface
+from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.image import Image
@@ -119,7 +119,7 @@ def test_the_model_shows_the_surface_and_carries_it(logic, tmp_path):
     storage = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLModelStorageNode")
     storage.SetFileName(str(path))
     assert storage.WriteData(organ.surface)
-    np.testing.assert_array_equal(read_vtp_surface(path).control_net, logic.surface(organ).control_net)
+    np.testing.assert_array_equal(read_vtp_record(path).surface.control_net, logic.surface(organ).control_net)
 
 
 def test_the_course_of_the_fit_is_in_the_table_and_plotted(logic):

@@ -9,8 +9,7 @@ import pytest
 from step_organs import dented, organ
 
 from VICRegistrationLib.export.step import Solid, step_text, write_step
-from VICRegistrationLib.export.step_entities import real, string
-from VICRegistrationLib.export.step_patches import patches
+from VICRegistrationLib.export.step_shapes import patches, real, string
 from VICRegistrationLib.geometry.bspline import uniform_clamped_knots
 from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface import BSplineSurface

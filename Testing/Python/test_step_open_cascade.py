@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from step_organs import dented, organ
 
-from VICRegistrationLib.export.frames import RAS_TO_LPS
 from VICRegistrationLib.export.step import Solid, write_step
-from VICRegistrationLib.export.step_patches import patches
+from VICRegistrationLib.export.step_shapes import patches
+from VICRegistrationLib.frames import RAS_TO_LPS
 from VICRegistrationLib.phantoms.organs import pelvic_organs
 
 pytest.importorskip("OCP", reason="Open CASCADE (cadquery-ocp-novtk) is not installed")

@@ -243,9 +243,9 @@ def read_surface(path: str | os.PathLike) -> BSplineSurface:
     True
     """
     if Path(path).suffix.lower() == ".vtp":
-        from .export.mesh_files import read_vtp_surface
+        from .export.mesh_reading import read_vtp_record
 
-        return read_vtp_surface(path)
+        return read_vtp_record(path).surface
     from .geometry.surface_file import read_surface as read
 
     return read(path)

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from scipy import ndimage
 
-from ..export.mesh_files import read_vtp_record
-from ..export.mesh_reading import READABLE_MESHES, holds_surface, read_triangles
+from ..export.mesh_reading import READABLE_MESHES, holds_surface, read_triangles, read_vtp_record
 from ..geometry.surface_file import read_surface_record
 from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes

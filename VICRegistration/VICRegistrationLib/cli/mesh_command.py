@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..export.mesh_files import MESH_SUFFIXES, write_ply, write_stl, write_vtp
+from ..export.mesh_files import MESH_SUFFIXES, write_triangles
 from ..export.step import Solid
 from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
@@ -167,10 +167,7 @@ def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say)
 
     (solid,) = solids
     mesh = mesh_surface(solid, settings, on_progress=say)
-    if draft.suffix.lower() == ".vtp":
-        write_vtp(mesh, solid.surface, draft, name=solid.name)
-    else:
-        {".stl": write_stl, ".ply": write_ply}[draft.suffix.lower()](mesh, draft, name=solid.name)
+    write_triangles(mesh, solid.surface, draft, name=solid.name)
     report = triangle_quality(mesh.points, mesh.triangles)
     return report.lines(), {"size": settings.size, **asdict(report)}
 

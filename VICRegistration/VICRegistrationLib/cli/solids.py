@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..export.mesh_files import read_vtp_record
+from ..export.mesh_reading import read_vtp_record
 from ..export.step import Solid
 from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface

@@ -1,4 +1,4 @@
-"""Triangles out of files: STL, PLY, OBJ, VTK and VTP."""
+"""Triangles out of files (STL, PLY, OBJ, VTK and VTP), and B-spline surfaces out of VTP files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from vtkmodules.vtkCommonCore import vtkStringArray
-from vtkmodules.vtkCommonDataModel import vtkPolyData
+from vtkmodules.vtkCommonDataModel import vtkFieldData, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
 from vtkmodules.vtkIOLegacy import vtkPolyDataReader
@@ -16,9 +16,9 @@ from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from ..files import reason
-from .frames import RAS_TO_LPS
-from .surface_data import triangles_in
-from .vtk_xml import silent_vtk
+from ..frames import RAS_TO_LPS
+from ..geometry.surface_file import SurfaceRecord
+from .surface_data import silent_vtk, surface_in, triangles_in
 
 _READERS = {
     ".stl": vtkSTLReader,
@@ -61,12 +61,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     if path.suffix.lower() not in _READERS:
         msg = f"The mesh {path} was given; a file {', '.join(_READERS)} is needed."
         raise ValueError(msg)
-    try:
-        with path.open("rb") as file:
-            header = file.read(_HEADER_BYTES)
-    except OSError as error:
-        msg = f"The mesh {path} cannot be read ({reason(error)}); give a file that exists."
-        raise OSError(msg) from error
+    header = _header(path)
     reader = _READERS[path.suffix.lower()]()
     reader.SetFileName(str(path))
     triangulated = vtkTriangleFilter()
@@ -87,11 +82,55 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
 
 def holds_surface(path: str | os.PathLike) -> bool:
     """Whether a VTP file carries the control net of a B-spline surface; no if it cannot be read."""
+    return _field_data(Path(path)).GetArray("control_net") is not None
+
+
+def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
+    """Read the B-spline surface of a VTP file with its name.
+
+    Parameters
+    ----------
+    path : path
+        File written by :func:`.mesh_files.write_vtp`, or by Slicer from a model made of one.
+
+    Returns
+    -------
+    SurfaceRecord
+        RAS mm. The name is empty where the file tells none; net and closure are empty.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it holds no surface.
+    """
+    path = Path(path)
+    _header(path)
+    data = _field_data(path)
+    surface = surface_in(data, f"file {path}", remedy="give a VTP file as the program writes it")
+    name = data.GetAbstractArray("name")
+    told = isinstance(name, vtkStringArray) and name.GetNumberOfValues() == 1
+    return SurfaceRecord(surface, name.GetValue(0) if told else "")
+
+
+def _header(path: Path) -> bytes:
+    """First bytes of a file, or the reason why there are none."""
+    try:
+        with path.open("rb") as file:
+            return file.read(_HEADER_BYTES)
+    except OSError as error:
+        msg = f"The file {path} cannot be read ({reason(error)}); give a file that exists."
+        raise OSError(msg) from error
+
+
+def _field_data(path: Path) -> vtkFieldData:
+    """Field data of a VTP file; empty if it is none."""
     reader = vtkXMLPolyDataReader()
     reader.SetFileName(str(path))
     with silent_vtk():
         reader.Update()
-    return reader.GetOutput().GetFieldData().GetArray("control_net") is not None
+    return reader.GetOutput().GetFieldData()
 
 
 def _told_frame(data: vtkPolyData, header: bytes) -> str:

@@ -14,9 +14,12 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkObject, vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkFieldData, vtkPolyData
 
 from ..files import reason
@@ -162,3 +165,34 @@ def add_text(data: vtkPolyData, key: str, text: str) -> None:
     array.SetName(key)
     array.InsertNextValue(text)
     data.GetFieldData().AddArray(array)
+
+
+def xml_text(writer, data) -> str:
+    """Write data as VTK's XML into memory: Python notices a full disk, VTK does not.
+
+    Parameters
+    ----------
+    writer : vtkXMLWriter
+        Of the kind of the data.
+    data : vtkDataObject
+
+    Returns
+    -------
+    str
+    """
+    writer.SetInputData(data)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return writer.GetOutputString()
+
+
+@contextlib.contextmanager
+def silent_vtk() -> Iterator[None]:
+    """Keep VTK from printing what is wrong with a file."""
+    shown = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.SetGlobalWarningDisplay(0)
+    try:
+        yield
+    finally:
+        vtkObject.SetGlobalWarningDisplay(shown)

@@ -10,10 +10,11 @@ import numpy as np
 import SimpleITK as sitk
 
 from ..files import replacing
+from ..frames import RAS_TO_LPS
 from . import nifti
 from .image import Image
 
-_LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+_LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
 # Formats that keep a volume in one file, so that replacing the file replaces the volume at once.
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
 _SERIES_UID, _SERIES_DESCRIPTION = "0020|000e", "0008|103e"

@@ -30,9 +30,9 @@ from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from ..export.frames import RAS_TO_LPS
-from ..export.vtk_xml import xml_text
+from ..export.surface_data import xml_text
 from ..files import replacing
+from ..frames import RAS_TO_LPS
 from .elements import FACES, TetrahedralMesh
 from .process import GMSH_WORKER, require_gmsh, run_worker
 

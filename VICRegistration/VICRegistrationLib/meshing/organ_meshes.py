@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..export.frames import RAS_TO_LPS
 from ..export.step import Solid, step_text, validate_solids
+from ..frames import RAS_TO_LPS
 from ..geometry.projection import closest_points
 from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh

@@ -1,4 +1,4 @@
-"""Frame of the files: LPS mm, as DICOM has it. In memory everything is RAS mm."""
+"""Frame of files: LPS mm, as DICOM has it. In memory everything is RAS mm."""
 
 from __future__ import annotations
 
