@@ -19,7 +19,7 @@ from small_phantom import SEED, ellipsoid_image
 
 import VICRegistrationLib
 from VICRegistrationLib import cli
-from VICRegistrationLib.cli import fitting
+from VICRegistrationLib.cli import fitting, results_folder
 from VICRegistrationLib.cli.process import silenced_stderr
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
@@ -43,10 +43,10 @@ def image_path(tmp_path_factory, image):
 
 @pytest.fixture
 def output(tmp_path):
-    """Folder with an old result, which has to survive."""
+    """Folder with a file of the user, which has to survive."""
     folder = tmp_path / "output"
     folder.mkdir()
-    (folder / "bladder.json").write_text("old")
+    (folder / "notes.txt").write_text("mine")
     return folder
 
 
@@ -64,8 +64,8 @@ def refused(output, capsys):
         assert captured.out == ""
         lines = captured.err.splitlines()
         assert len(lines) == 1, lines
-        assert [path.name for path in output.iterdir()] == ["bladder.json"]
-        assert (output / "bladder.json").read_text() == "old"
+        assert [path.name for path in output.iterdir()] == ["notes.txt"]
+        assert (output / "notes.txt").read_text() == "mine"
         assert [path.name for path in output.parent.iterdir() if path.name.startswith(".")] == []
         return lines[0]
 
@@ -163,8 +163,9 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
     ("options", "words"),
     [
         (["--threshold", "900,300"], ["threshold 900 to 300 is empty", "lowest grey level must come first"]),
-        (["--threshold", "2000,3000"], ["outside the threshold 2000 to 3000", "move the seed"]),
-        (["--seed", "500,0,0"], ["seed (500.0, 0.0, 0.0) mm lies outside the volume", "place it in the organ"]),
+        (["--threshold", "2000,3000"], ["threshold 2000 to 3000 holds no voxel", "grey levels of the image go from"]),
+        (["--threshold", "600,700"], ["outside the threshold 600 to 700", "move the seed"]),
+        (["--seed", "500,0,0"], ["seed (500.0, 0.0, 0.0) mm lies outside the volume", "Give RAS coordinates in mm"]),
         (["--seed", "-12,8,6", "--threshold", "600,1000"], ["outside the threshold 600 to 1000"]),
         (["--erosion", "40"], ["erosion", "bladder: "]),
         (["--threshold", "-10000,10000"], ["bladder: The separated region", "Narrow the threshold"]),
@@ -180,8 +181,9 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--dilation", "1e308"], ["The dilation is 1e+308 mm, more than half of the volume's longest side"]),
         (["--boundary", "1,2"], ["--boundary", "a boundary point is three numbers R,A,S"]),
         (["--boundary", "1,2,nan"], ["--boundary", "three numbers R,A,S"]),
-        (["--boundary", "60,8,-20"], ["bladder: Boundary point 1", "58 mm from the surface", "within 30 mm"]),
-        (["--boundary", "1e308,0,0"], ["bladder: Boundary point 1 is [1e+308, 0.0, 0.0]"]),
+        (["--boundary", "20,40,10"], ["bladder: Boundary point 1", "mm from the surface", "within 30 mm"]),
+        (["--boundary", "60,8,-20"], ["bladder: The boundary point (60.0, 8.0, -20.0) mm lies outside the volume"]),
+        (["--boundary", "1e308,0,0"], ["bladder: The boundary point (1e+308, 0.0, 0.0) mm lies outside the volume"]),
         (["--tau", "0"], ["--tau", "positive length"]),
         (["--tau", "1e-9"], ["bladder: A tau of 1e-09 mm", "voxels are 1.2 mm", "two to three voxels"]),
         (["--smoothness", "-1e-5"], ["--smoothness", "zero or a positive number such as 2e-4"]),
@@ -413,7 +415,7 @@ def test_a_disk_that_fills_up(refused_fit, image_path, output, monkeypatch):
         (folder / "bladder.json").write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device", str(folder / "bladder.vtp"))
 
-    monkeypatch.setattr(fitting, "write_organ", full)
+    monkeypatch.setattr(results_folder, "write_organ", full)
     line = refused_fit(image_path, *ORGAN)
     assert "No space left on device" in line
     assert str(output / "bladder.vtp") in line
@@ -457,7 +459,7 @@ def test_a_bug_is_not_hidden(image_path, output, monkeypatch):
     monkeypatch.setattr(fitting, "separate", broken)
     with pytest.raises(ZeroDivisionError):
         cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--quiet"])
-    assert [path.name for path in output.iterdir()] == ["bladder.json"]
+    assert [path.name for path in output.iterdir()] == ["notes.txt"]
 
 
 def test_the_configuration_is_not_replaced_by_a_surface(image_path, tmp_path, capsys):
@@ -508,4 +510,4 @@ def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path
 def test_sigterm_leaves_nothing_behind(image_path, output, monkeypatch):
     monkeypatch.setattr(fitting, "read_image", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
     assert cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--no-pictures"]) == 143
-    assert [path.name for path in output.iterdir()] == ["bladder.json"]
+    assert [path.name for path in output.iterdir()] == ["notes.txt"]

@@ -17,8 +17,9 @@ from .analysis.references import ReadReference
 from .cli.configuration import read_requests
 from .cli.console import aligned
 from .cli.fitting import fit_to_folder
-from .cli.outputs import OVERVIEW, PAGE, FittedOrgan
+from .cli.organ_entries import FittedOrgan
 from .cli.references import OrganReference
+from .cli.stored_results import OVERVIEW, PAGE
 from .files import replacing_folder
 from .geometry.surface import BSplineSurface
 from .phantoms.pelvis import pelvis_phantom, write_phantom

@@ -25,12 +25,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-    import msvcrt
-
 # Hidden, so that nobody takes what a killed process left behind for a result.
 _PREFIX = ".vic-"
 DRAFTS = "drafts"
@@ -222,10 +216,14 @@ def _own_lock(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
 def _locked(file, *, wait: bool) -> bool:
     """Lock an open file until it is closed or the process ends; False if another process has it."""
     try:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        else:
+        if os.name == "nt":
+            import msvcrt
+
             msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError as error:
         # Some network drives have no locks; what cannot be known is taken to be in use.
         return wait and not isinstance(error, BlockingIOError)
@@ -294,9 +292,9 @@ def to_disk(path: Path) -> None:
     if path.is_symlink():
         return
     # Windows opens no folders; it wants to write to what it is to flush.
-    if fcntl is None and path.is_dir():
+    if os.name == "nt" and path.is_dir():
         return
-    number = os.open(path, os.O_RDONLY if fcntl is not None else os.O_RDWR)
+    number = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
     try:
         os.fsync(number)
     finally:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 
-from .process import Terminated, stoppable
+from .process import Terminated, flush_or_drop, stoppable
 
 PROGRAM = "vic-registration"
-USAGE_ERROR, INTERRUPTED, TERMINATED = 2, 130, 143
+USAGE_ERROR, SOME_FAILED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 2, 3, 130, 141, 143
 
 
 def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> int:
@@ -24,8 +25,9 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     Returns
     -------
     int
-        0; or 2 after one line on stderr that says what is wrong and what to do, with nothing half written; or 130
-        after Ctrl-C and 143 after SIGTERM, with nothing written.
+        0; or 2 after one line on stderr that says what is wrong and what to do, with nothing half written; 3 if some of
+        several organs could not be fitted; 130 after Ctrl-C and 143 after SIGTERM, with nothing written; 141 if who
+        reads stdout has gone.
 
     Raises
     ------
@@ -40,7 +42,11 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
             from .arguments import parsed_arguments
 
             options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
-            options.run(options)
+            code = options.run(options) or 0
+            sys.stdout.flush()
+            return code
+    except BrokenPipeError:
+        return BROKEN_PIPE
     except KeyboardInterrupt:
         return _ended(f"{name}interrupted; nothing was written", INTERRUPTED)
     except Terminated:
@@ -54,9 +60,13 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
         )
     except (ValueError, OSError, RuntimeError) as error:
         return _ended(f"{error_name}{error}", USAGE_ERROR)
-    return 0
+    finally:
+        # After --help too: Python complains of a pipe that is closed as it ends.
+        flush_or_drop(sys.stdout)
 
 
 def _ended(line: str, code: int) -> int:
-    print(" ".join(line.split()), file=sys.stderr)
+    with contextlib.suppress(BrokenPipeError):
+        print(" ".join(line.split()), file=sys.stderr)
+    flush_or_drop(sys.stderr)
     return code

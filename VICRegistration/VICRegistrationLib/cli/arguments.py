@@ -271,6 +271,11 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
         default="organs",
         help="folder for the results (default: organs)",
     )
+    what.add_argument(
+        "--keep-going",
+        action="store_true",
+        help="fit the other organs if one cannot be fitted; exit code 3 then",
+    )
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")

@@ -6,18 +6,24 @@ import argparse
 from collections.abc import Sequence
 
 from ..files import replacing_folder
+from . import SOME_FAILED
 from .configuration import OPTIONS, OrganRequest, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
 from .references import OrganReference, read_references, reference_paths
 
 
-def fit(options: argparse.Namespace) -> None:
+def fit(options: argparse.Namespace) -> int:
     """Fit organs in an image and write everything about them into a folder.
 
     Parameters
     ----------
     options : argparse.Namespace
+
+    Returns
+    -------
+    int
+        0, or 3 if ``--keep-going`` was given and some organs could not be fitted.
 
     Raises
     ------
@@ -27,7 +33,14 @@ def fit(options: argparse.Namespace) -> None:
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
     read = [reference.path for reference in references.values()]
-    fit_to_folder(
+    warn = speaker()
+    failed = []
+
+    def told(name: str, sentence: str) -> None:
+        failed.append(name)
+        warn(f"{name}: error: {sentence}")
+
+    organs = fit_to_folder(
         options.image,
         requests,
         options.output,
@@ -36,9 +49,14 @@ def fit(options: argparse.Namespace) -> None:
         references=references,
         pictures=not options.no_pictures,
         step=options.step,
+        on_failure=told if options.keep_going else None,
         say=speaker(options.quiet),
-        warn=speaker(),
+        warn=warn,
     )
+    if not failed:
+        return 0
+    warn(f"{len(failed)} of {len(failed) + len(organs)} organs could not be fitted: {', '.join(failed)}")
+    return SOME_FAILED
 
 
 def phantom(options: argparse.Namespace) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Callable, Sequence
+
+from .process import flush_or_drop
 
 
 def argument(check: Callable) -> Callable:
@@ -63,7 +66,11 @@ def speaker(quiet: bool = False) -> Callable[[str], None]:
     """
 
     def say(line: str) -> None:
-        if line and not quiet:
-            print(line, file=sys.stderr, flush=True)
+        if not line or quiet:
+            return
+        # The work goes on where nobody reads about it any more.
+        with contextlib.suppress(BrokenPipeError):
+            print(line, file=sys.stderr)
+        flush_or_drop(sys.stderr)
 
     return say

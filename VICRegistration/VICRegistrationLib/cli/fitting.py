@@ -7,21 +7,23 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ..files import keep_inputs, replacing_folder
+from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
 from ..imaging.reading import read_image
+from ..imaging.region import Region
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
 from ..report.canvas import require_matplotlib
-from ..report.contents import Source
-from ..report.pictures import organ_picture, overview_picture
 from ..segmentation.separation import separate
+from ..transactions import recover
 from .configuration import OrganRequest
-from .outputs import ASSEMBLY, OVERVIEW, PAGE, REPORT, FittedOrgan, organ_files, write_organ, write_report, write_solids
+from .organ_entries import FittedOrgan
 from .process import silenced_stderr
 from .references import OrganReference
-from .report_page import compared_organs, write_page
+from .request_checks import check_request
+from .results_folder import Run, restored_organs, target_files, write_results
+from .stored_results import StoredResults, image_record, read_results
 
 
 def fit_to_folder(
@@ -34,18 +36,20 @@ def fit_to_folder(
     step: bool = False,
     references: Mapping[str, OrganReference] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
+    on_failure: Callable[[str, str], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
     warn: Callable[[str], None] = lambda line: None,
 ) -> tuple[FittedOrgan, ...]:
-    """Fit organs and write their files and the report: all of them, or nothing.
+    """Fit organs, and write their files and the report of all organs of the folder: all of it, or nothing.
 
     Parameters
     ----------
     image_path : path
         File or folder of DICOM slices.
     requests : sequence of OrganRequest
+        All of them are checked before the first is fitted.
     folder : path
-        Is made if there is none; its other files stay.
+        Folder of results of this image, see :mod:`.stored_results`; is made if there is none.
     series : str, optional
         DICOM series of the folder.
     pictures : bool
@@ -56,17 +60,22 @@ def fit_to_folder(
         What the surfaces are compared with in pictures and report.html, by the organs' names.
     inputs : sequence of path
         Files besides the image that must not be replaced, such as the configuration.
+    on_failure : callable, optional
+        Gets name and sentence of each organ that cannot be fitted, and the others are. Without it, one that cannot be
+        fitted is an error, and so is, with it, if none can.
     say, warn : callable
         Get a line of progress after every stage, and every warning.
 
     Returns
     -------
     tuple of FittedOrgan
+        Those of this run.
 
     Raises
     ------
     ValueError
-        If the image or a request cannot be used, or a result would replace the image or one of the inputs.
+        If the image or a request cannot be used, the folder belongs to another image, or something that is no result
+        would be replaced.
     OSError
         If a file cannot be read or written.
     RuntimeError
@@ -74,32 +83,41 @@ def fit_to_folder(
     """
     if pictures:
         require_matplotlib()
-    _check_inputs([image_path, *inputs], requests, Path(folder), pictures=pictures, step=step)
-    with replacing_folder(folder, outdated=_outdated(requests, Path(folder), pictures=pictures)) as drafts:
-        start = time.perf_counter()
-        with silenced_stderr():
-            image = read_image(image_path, series=series)
-        seconds_load = time.perf_counter() - start
-        say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
-        organs = tuple(_fitted(image, request, say) for request in requests)
-        for organ in organs:
-            write_organ(organ, drafts)
-            _tell_warnings(organ, image, warn, step=step)
-        solids = write_solids(organs, drafts) if step else ()
-        if pictures:
-            source = Source(str(image_path), series or "")
-            _write_pictures(organs, drafts, image, source, references=references or {}, solids=solids, warn=warn)
-        write_report(
-            drafts,
-            organs,
-            image,
-            image_path=str(image_path),
-            seconds_load=seconds_load,
-            pictures=pictures,
-            solids=solids,
-        )
-    say(f"written to {Path(folder)}: {', '.join(organ.name for organ in organs)}")
+    folder = Path(folder)
+    stored = _checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
+    start = time.perf_counter()
+    with silenced_stderr():
+        image = read_image(image_path, series=series)
+    seconds_load = time.perf_counter() - start
+    say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
+    record = image_record(image, str(image_path), series)
+    stored.check_image(record)
+    if pictures or step:
+        restored_organs(stored, [request.name for request in requests], image)
+    failed: dict[str, str] = {}
+    organs = _fitted_organs(image, requests, failed, say, keep_going=on_failure is not None)
+    for organ in organs:
+        _tell_warnings(organ, image, warn, step=step)
+    for name, sentence in failed.items():
+        on_failure(name, sentence)
+    run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
+    write_results(run, folder, say=say, warn=warn)
     return organs
+
+
+def _checked_folder(
+    folder: Path, inputs: Sequence, requests: Sequence[OrganRequest], *, pictures: bool, step: bool
+) -> StoredResults:
+    """Read what a folder of results holds, and refuse one that cannot be written to, or where files would be lost."""
+    check_writable(folder)
+    recover(folder)
+    stored = read_results(folder)
+    names = [request.name for request in requests]
+    stored.check_names(names)
+    targets = target_files(names, pictures=pictures, step=step)
+    keep_inputs((folder / name for name in targets), inputs)
+    stored.check_targets(targets)
+    return stored
 
 
 def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
@@ -109,78 +127,64 @@ def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None]
         warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
-def _write_pictures(
-    organs: Sequence[FittedOrgan],
-    drafts: Path,
+def _fitted_organs(
     image: Image,
-    source: Source,
+    requests: Sequence[OrganRequest],
+    failed: dict[str, str],
+    say: Callable[[str], None],
     *,
-    references: Mapping[str, OrganReference],
-    solids: Sequence[str],
-    warn: Callable[[str], None],
-) -> None:
-    """Write a picture of each organ, one of all of several, and the page that people read."""
-    compared = compared_organs(organs, references)
-    shapes = {name: found.read.reference for name, found in compared.items()}
-    for organ in organs:
-        count = len(fit_diagnostics(image, organ.fit))
-        path = drafts / f"{organ.name}.png"
-        organ_picture(path, image, organ.fit, organ.name, reference=shapes.get(organ.name), n_warnings=count)
-    if len(organs) > 1:
-        fits = {organ.name: organ.fit for organ in organs}
-        overview_picture(drafts / OVERVIEW, image, fits, references=shapes)
-    for name, found in compared.items():
-        for warning in found.warnings:
-            warn(f"{name}: warning: {warning}")
-    write_page(drafts, organs, image, source, compared=compared, solids=solids)
+    keep_going: bool,
+) -> tuple[FittedOrgan, ...]:
+    """Separate all organs, then fit all of them; what fails goes into `failed`, or is an error."""
+    separated, organs = [], []
+    for request in requests:
+        try:
+            separated.append((request, *_separated(image, request, say)))
+        except ValueError as error:
+            failed[request.name] = str(error)
+    if failed and not (keep_going and separated):
+        raise ValueError(_all_of(failed))
+    for request, region, seconds in separated:
+        try:
+            organs.append(_fitted(image, request, region, seconds, say))
+        except ValueError as error:
+            failed[request.name] = str(error)
+            if not keep_going:
+                raise ValueError(_all_of(failed)) from error
+    if not organs:
+        raise ValueError(_all_of(failed))
+    return tuple(organs)
 
 
-def _check_inputs(inputs, requests: Sequence[OrganRequest], folder: Path, *, pictures: bool, step: bool) -> None:
-    """Refuse to replace what is read."""
-    names = [name for request in requests for name in organ_files(request.name, pictures=pictures, solid=step)]
-    names += [PAGE] if pictures else []
-    if len(requests) > 1:
-        names += [*([OVERVIEW] if pictures else []), *([ASSEMBLY] if step else [])]
-    keep_inputs((folder / name for name in [*names, REPORT]), inputs)
+def _all_of(failed: Mapping[str, str]) -> str:
+    return " ".join(f"{name}: {sentence}" for name, sentence in failed.items())
 
 
-def _outdated(requests: Sequence[OrganRequest], folder: Path, *, pictures: bool) -> list[str]:
-    """Pictures and solids of an earlier fit in the folder that would not show the new surfaces."""
-    if not (folder / REPORT).is_file():
-        return []
-    # What is written now is not removed.
-    solids = [ASSEMBLY, *(f"{request.name}.step" for request in requests)]
-    overview = [] if pictures and len(requests) > 1 else [OVERVIEW]
-    drawings = [] if pictures else [PAGE, *(f"{request.name}.png" for request in requests)]
-    return [*overview, *drawings, *solids]
-
-
-def _fitted(image: Image, request: OrganRequest, say: Callable[[str], None]) -> FittedOrgan:
-    """Separate and fit one organ; complaints name it."""
+def _separated(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
+    """Separate one organ; returns the region and how long it took, s."""
     options = request.options
     start = time.perf_counter()
-    try:
-        region = separate(
-            image,
-            request.seeds,
-            threshold=options.threshold,
-            erosion=options.erosion,
-            dilation=options.dilation,
-        )
-        seconds_separation = time.perf_counter() - start
-        low, high = region.threshold
-        say(
-            f"{request.name}: separation, {region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}, "
-            f"{seconds_separation:.2f} s"
-        )
-        lines = _StageLines(request.name, say)
-        fit = finish(fit_region(image, region, options, boundary_points=request.boundary), on_step=lines)
-        lines.end()
-    except ValueError as error:
-        msg = f"{request.name}: {error}"
-        raise ValueError(msg) from error
+    check_request(image, request)
+    region = separate(
+        image, request.seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation
+    )
     seconds = time.perf_counter() - start
-    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, request.boundary, options)
+    low, high = region.threshold
+    say(f"{request.name}: separation, {region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}, {seconds:.2f} s")
+    return region, seconds
+
+
+def _fitted(
+    image: Image, request: OrganRequest, region: Region, seconds_separation: float, say: Callable[[str], None]
+) -> FittedOrgan:
+    """Fit one organ to its region."""
+    start = time.perf_counter()
+    lines = _StageLines(request.name, say)
+    fit = finish(fit_region(image, region, request.options, boundary_points=request.boundary), on_step=lines)
+    lines.end()
+    seconds = seconds_separation + time.perf_counter() - start
+    how = {"boundary": request.boundary, "asked": request.options}
+    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
 
 
 class _StageLines:

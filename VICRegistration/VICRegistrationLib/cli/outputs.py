@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import json
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
 from .. import __version__
@@ -17,46 +16,14 @@ from ..files import replacing
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
-from ..registration.boundary import boundary_deviations
-from ..registration.choosing import Choice
-from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text
-from ..registration.options import FitOptions
-from ..registration.organ import OrganFit
 from ..registration.stages import Step
+from .organ_entries import CONVERGENCE, FittedOrgan, organ_entry
+from .references import OrganReference
 from .solids import colored_solids
+from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest
 
-REPORT, PAGE, OVERVIEW, ASSEMBLY = "report.json", "report.html", "overview.png", "organs.step"
-REPORT_SCHEMA, REPORT_VERSION = "vic-registration/report", 1
-
-
-@dataclass(frozen=True, eq=False)
-class FittedOrgan:
-    """A fitted organ and what it took.
-
-    Parameters
-    ----------
-    name : str
-    fit : OrganFit
-    seeds : tuple of (r, a, s)
-        RAS mm.
-    seconds : float
-        From the seeds to the surface.
-    seconds_separation : float
-        The part of it before the fit.
-    boundary : tuple of (r, a, s)
-        Boundary points that were given, RAS mm.
-    asked : FitOptions, optional
-        Options as they were given, with none for automatic choices.
-    """
-
-    name: str
-    fit: OrganFit
-    seeds: tuple[tuple[float, float, float], ...]
-    seconds: float
-    seconds_separation: float
-    boundary: tuple[tuple[float, float, float], ...] = ()
-    asked: FitOptions | None = None
+PROGRAM = f"vic-registration {__version__}"
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:
@@ -81,18 +48,22 @@ def write_organ(organ: FittedOrgan, folder: Path) -> None:
     write_convergence(organ.fit.history, folder / f"{name}_convergence.csv")
 
 
-def write_solids(organs: Sequence[FittedOrgan], folder: Path) -> tuple[str, ...]:
-    """Write the exact surfaces as STEP solids, and several organs as an assembly too.
+def write_solids(organs: Sequence[FittedOrgan], folder: Path, *, names: Collection[str]) -> list[str]:
+    """Write exact surfaces as STEP solids, and several organs as an assembly too.
 
     Parameters
     ----------
     organs : sequence of FittedOrgan
+        All organs of the folder of results.
     folder : Path
-        Gets NAME.step for each organ whose surface is valid, and organs.step if all of several are.
+        Gets NAME.step for each organ of `names` whose surface is valid, and organs.step if there are several organs,
+        all of them valid.
+    names : collection of str
+        Of the organs of this run.
 
     Returns
     -------
-    tuple of str
+    list of str
         Names of the files.
 
     Raises
@@ -100,14 +71,17 @@ def write_solids(organs: Sequence[FittedOrgan], folder: Path) -> tuple[str, ...]
     OSError
         If a file cannot be written.
     """
+    valid = [organ.name for organ in organs if not organ.fit.problems]
     solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
-    texts = {f"{solid.name}.step": step_text([solid]) for organ, solid in zip(organs, solids) if not organ.fit.problems}
-    if 1 < len(organs) == len(texts):
+    texts = {
+        f"{solid.name}.step": step_text([solid]) for solid in solids if solid.name in names and solid.name in valid
+    }
+    if 1 < len(organs) == len(valid):
         texts[ASSEMBLY] = step_text(solids)
     for name, text in texts.items():
         with replacing(folder / name) as draft:
             draft.write_text(text, encoding="ascii")
-    return tuple(texts)
+    return list(texts)
 
 
 def write_convergence(history: Sequence[Step], path: Path) -> None:
@@ -117,7 +91,8 @@ def write_convergence(history: Sequence[Step], path: Path) -> None:
     ----------
     history : sequence of Step
     path : Path
-        CSV file with the columns iteration (of all), stage, stage_iteration, cost, displacement_mm and converged.
+        CSV file with the columns iteration (of all), stage, stage_iteration, cost, displacement_mm, converged and
+        stopped_by (empty before the end of a stage).
 
     Raises
     ------
@@ -126,39 +101,39 @@ def write_convergence(history: Sequence[Step], path: Path) -> None:
     """
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(["iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged"])
+    writer.writerow(CONVERGENCE)
     for number, step in enumerate(history, start=1):
         numbers = (repr(float(step.cost)), repr(float(step.displacement)))
-        writer.writerow([number, step.stage, step.iteration, *numbers, str(bool(step.converged)).lower()])
+        end = (str(bool(step.converged)).lower(), step.stopped_by)
+        writer.writerow([number, step.stage, step.iteration, *numbers, *end])
     with replacing(path) as draft:
         draft.write_text(table.getvalue(), encoding="utf-8")
 
 
 def write_report(
     folder: Path,
-    organs: Sequence[FittedOrgan],
-    image: Image,
+    organs: Mapping[str, Mapping[str, object]],
     *,
-    image_path: str,
+    image: Mapping[str, object],
+    files: Sequence[str],
+    failed: Mapping[str, str],
     seconds_load: float,
-    pictures: bool,
-    solids: Collection[str] = (),
 ) -> None:
     """Write report.json.
 
     Parameters
     ----------
     folder : Path
-    organs : sequence of FittedOrgan
-    image : Image
-    image_path : str
-        As the user gave it.
+    organs : mapping of str to mapping
+        Entries of all organs of the folder, those of earlier runs too.
+    image : mapping
+        From `image_record`.
+    files : sequence of str
+        Names of the files that are about all organs.
+    failed : mapping of str to str
+        Organs of this run that could not be fitted, with the sentences about them.
     seconds_load : float
         Time to read the image.
-    pictures : bool
-        Whether pictures were drawn.
-    solids : collection of str
-        Names of the STEP files.
 
     Raises
     ------
@@ -166,73 +141,51 @@ def write_report(
         If the file cannot be written.
     """
     content = {
-        "schema": REPORT_SCHEMA,
-        "version": REPORT_VERSION,
-        "program": f"vic-registration {__version__}",
-        "image": image_path,
-        "image_size": image.size.tolist(),
-        "image_spacing_mm": image.spacing.tolist(),
+        "schema": SCHEMA,
+        "version": VERSION,
+        "program": PROGRAM,
+        **image,
         "frame": "RAS",
         "mesh_frame": "LPS",
         "unit": "mm",
         "seconds_load": seconds_load,
-        "organs": {
-            organ.name: {
-                **_entry(organ, image),
-                "seconds_load": seconds_load,
-                "files": organ_files(organ.name, pictures=pictures, solid=f"{organ.name}.step" in solids),
-            }
-            for organ in organs
-        },
+        "files": {name: file_digest(folder / name) for name in files},
+        "organs": organs,
+        "failed": failed,
     }
     with replacing(folder / REPORT) as draft:
         text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
         draft.write_text(text + "\n", encoding="utf-8")
 
 
-def _entry(organ: FittedOrgan, image: Image) -> dict:
-    """Everything about one organ, as JSON keeps it."""
-    fit = organ.fit
-    options = {key: value for key, value in dataclasses.asdict(fit.options).items() if key not in ("net", "threshold")}
-    region, threshold = fit.region, fit.options.threshold
+def run_entry(
+    organ: FittedOrgan, image: Image, folder: Path, *, files: Sequence[str], reference: OrganReference | None
+) -> dict[str, object]:
+    """Put an organ of this run as report.json keeps it.
+
+    Parameters
+    ----------
+    organ : FittedOrgan
+    image : Image
+    folder : Path
+        Holds the files.
+    files : sequence of str
+        Names of its files.
+    reference : OrganReference or None
+        What it was compared with.
+
+    Returns
+    -------
+    dict
+        That of `organ_entry`, with the program, the time, the files and the reference.
+    """
     return {
-        "volume_ml": fit.surface.volume() / 1000.0,
-        "volume_sd_ml": fit.confidence.volume_sd_ml,
-        "follows_no_edge": fit.confidence.unsupported_share,
-        "area_mm2": fit.surface.area(),
-        "separated_volume_ml": None if region is None else float(region.volume_ml),
-        "iterations": fit.iterations,
-        "converged": bool(fit.converged),
-        "stopped_by": fit.history[-1].stopped_by,
-        "cost_initial": float(fit.cost_initial),
-        "cost_final": float(fit.cost_final),
-        "seconds": organ.seconds,
-        "seconds_separation": organ.seconds_separation,
-        "threshold": None if threshold is None else [float(level) for level in threshold],
-        "net": net_text(fit.options.net),
-        "seed": [list(point) for point in organ.seeds],
-        **_boundary_entry(organ),
-        "erosion": None if region is None or region.erosion is None else float(region.erosion),
-        "options": {key: value for key, value in options.items() if key != "erosion"},
-        "choices": [_choice_entry(choice) for choice in fit.choices],
-        "touches_border": [] if region is None else border_sides(image, region),
-        "valid": not fit.problems,
-        "warnings": [diagnostic.record() for diagnostic in fit_diagnostics(image, fit)],
+        "program": PROGRAM,
+        "written": datetime.now().astimezone().isoformat(timespec="seconds"),
+        **organ_entry(organ, image),
+        "reference": None if reference is None else reference.record(),
+        "files": {name: file_digest(folder / name) for name in files},
     }
-
-
-def _choice_entry(choice: Choice) -> dict:
-    """Put a choice as JSON keeps it."""
-    reasons = [reason.record() for reason in choice.reasons]
-    return {"option": choice.option, "value": choice.value, "reasons": reasons}
-
-
-def _boundary_entry(organ: FittedOrgan) -> dict:
-    """Boundary points and how far from the surface they are, if there are any."""
-    if not organ.boundary:
-        return {}
-    deviations = boundary_deviations(organ.fit.surface, organ.boundary)
-    return {"boundary": [list(point) for point in organ.boundary], "boundary_deviation_mm": deviations.tolist()}
 
 
 def organ_files(name: str, *, pictures: bool, solid: bool = False) -> list[str]:

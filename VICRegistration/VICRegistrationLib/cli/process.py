@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from typing import TextIO
 
 
 class Terminated(BaseException):
@@ -83,6 +84,24 @@ def end_with_stdin() -> None:
         signal.raise_signal(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def flush_or_drop(stream: TextIO) -> None:
+    """Send what a stream holds; if nobody reads it any more, send it and what comes after it to nowhere.
+
+    Parameters
+    ----------
+    stream : text file
+        stdout or stderr.
+    """
+    try:
+        stream.flush()
+    except BrokenPipeError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, stream.fileno())
+        finally:
+            os.close(nowhere)
 
 
 @contextlib.contextmanager

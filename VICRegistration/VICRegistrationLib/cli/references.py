@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..analysis.references import ReadReference, read_reference
@@ -24,10 +25,17 @@ class OrganReference:
     read : ReadReference
     path : Path
         Its file.
+    asked : mapping of str to object
+        Label, whether the largest piece only, and frame, as they were asked for.
     """
 
     read: ReadReference
     path: Path
+    asked: Mapping[str, object] = field(default_factory=dict)
+
+    def record(self) -> dict[str, object]:
+        """Tell which reference it is as JSON keeps it, for `read_again`."""
+        return {"path": os.path.abspath(self.path), **self.asked}
 
 
 def add_words(group: argparse._ArgumentGroup) -> None:
@@ -77,10 +85,33 @@ def read_references(
     """
     labels = chosen_labels(options.label, names)
     words = {"largest": options.largest, "frame": options.frame}
-    return {
-        name: OrganReference(read_reference(paths[name], organ=name, label=labels.get(name), **words), paths[name])
-        for name in names
-    }
+    return {name: _read(name, paths[name], {"label": labels.get(name), **words}) for name in names}
+
+
+def read_again(name: str, record: Mapping[str, object]) -> OrganReference:
+    """Read the reference of an organ of an earlier run.
+
+    Parameters
+    ----------
+    name : str
+        Of the organ.
+    record : mapping
+        From `OrganReference.record`.
+
+    Returns
+    -------
+    OrganReference
+
+    Raises
+    ------
+    ValueError, OSError
+        With a sentence for the user.
+    """
+    return _read(name, Path(record["path"]), {key: value for key, value in record.items() if key != "path"})
+
+
+def _read(name: str, path: Path, asked: Mapping[str, object]) -> OrganReference:
+    return OrganReference(read_reference(path, organ=name, **asked), path, asked)
 
 
 def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:

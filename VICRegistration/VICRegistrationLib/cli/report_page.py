@@ -17,8 +17,9 @@ from ..report.contents import Compared, ReportedOrgan, Source
 from ..report.figures import confidence_percentiles, organ_figures
 from ..report.page import report_html
 from .comparison_files import ComparedOrgan, compared_organ
-from .outputs import ASSEMBLY, OVERVIEW, PAGE, REPORT, FittedOrgan, organ_files
+from .organ_entries import FittedOrgan
 from .references import OrganReference
+from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
 
 _PURPOSES = {
     ".vtp": "triangles for Slicer and other programs (LPS mm), with the control net",
@@ -66,7 +67,8 @@ def write_page(
     source: Source,
     *,
     compared: Mapping[str, ComparedOrgan],
-    solids: Sequence[str] = (),
+    files: Mapping[str, Sequence[str]],
+    common: Sequence[str],
 ) -> None:
     """Write report.html.
 
@@ -79,8 +81,10 @@ def write_page(
     source : Source
     compared : mapping of str to ComparedOrgan
         From `compared_organs`.
-    solids : sequence of str
-        Names of the STEP files.
+    files : mapping of str to sequence of str
+        Names of the files of each organ.
+    common : sequence of str
+        Names of the files that are about all organs.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def write_page(
         date=datetime.now().astimezone(),
         overview=indexed_png(read_pixels(folder / OVERVIEW)) if several else None,
         gaps=_gaps(organs) if several else (),
-        files=_files([organ.name for organ in organs], solids),
+        files=_files(files, common),
     )
     with replacing(folder / PAGE) as draft:
         draft.write_text(page, encoding="utf-8")
@@ -126,12 +130,14 @@ def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None) -> 
     )
 
 
-def _files(names: Sequence[str], solids: Sequence[str]) -> list[tuple[list[str], str]]:
-    """Files of the run with what they are for, those of one kind together."""
-    files = [file for name in names for file in organ_files(name, pictures=True, solid=f"{name}.step" in solids)]
-    kinds = [([name + ending for name in names if name + ending in files], use) for ending, use in _PURPOSES.items()]
-    common = [REPORT, *([OVERVIEW] if len(names) > 1 else []), *([ASSEMBLY] if ASSEMBLY in solids else [])]
-    return [*((kind, use) for kind, use in kinds if kind), *(([name], _COMMON_PURPOSES[name]) for name in common)]
+def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[list[str], str]]:
+    """Files beside the page with what they are for, those of one kind together."""
+    kinds = [
+        ([name + ending for name, own in files.items() if name + ending in own], use)
+        for ending, use in _PURPOSES.items()
+    ]
+    others = [([name], use) for name, use in _COMMON_PURPOSES.items() if name in (REPORT, *common)]
+    return [(kind, use) for kind, use in [*kinds, *others] if kind]
 
 
 def _asked(options: FitOptions | None) -> list[str]:

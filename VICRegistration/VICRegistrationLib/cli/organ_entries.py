@@ -1,0 +1,250 @@
+"""Organs as ``report.json`` keeps them: with all that the page about them is made of, so that none is fitted twice."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..files import reason
+from ..geometry.surface import BSplineSurface
+from ..geometry.surface_file import read_surface
+from ..imaging.image import Image
+from ..imaging.region import Region, region_from_crop
+from ..messages import Diagnostic
+from ..registration.boundary import boundary_deviations
+from ..registration.choosing import Choice
+from ..registration.diagnostics import border_sides, fit_diagnostics
+from ..registration.nets import net_text
+from ..registration.options import FitOptions
+from ..registration.organ import OrganFit
+from ..registration.stages import Step
+
+CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged", "stopped_by")
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOrgan:
+    """A fitted organ and what it took.
+
+    Parameters
+    ----------
+    name : str
+    fit : OrganFit
+    seeds : tuple of (r, a, s)
+        RAS mm.
+    seconds : float
+        From the seeds to the surface.
+    seconds_separation : float
+        The part of it before the fit.
+    boundary : tuple of (r, a, s)
+        Boundary points that were given, RAS mm.
+    asked : FitOptions, optional
+        Options as they were given, with none for automatic choices.
+    """
+
+    name: str
+    fit: OrganFit
+    seeds: tuple[tuple[float, float, float], ...]
+    seconds: float
+    seconds_separation: float
+    boundary: tuple[tuple[float, float, float], ...] = ()
+    asked: FitOptions | None = None
+
+
+def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
+    """Put everything about one organ as JSON keeps it.
+
+    Parameters
+    ----------
+    organ : FittedOrgan
+    image : Image
+        The grey levels that were fitted.
+
+    Returns
+    -------
+    dict
+        Lengths in mm, places in RAS.
+    """
+    fit = organ.fit
+    region, threshold = fit.region, fit.options.threshold
+    return {
+        "volume_ml": fit.surface.volume() / 1000.0,
+        "volume_sd_ml": fit.confidence.volume_sd_ml,
+        "follows_no_edge": fit.confidence.unsupported_share,
+        "area_mm2": fit.surface.area(),
+        "separated_volume_ml": None if region is None else float(region.volume_ml),
+        "iterations": fit.iterations,
+        "converged": bool(fit.converged),
+        "stopped_by": fit.history[-1].stopped_by,
+        "cost_initial": float(fit.cost_initial),
+        "cost_final": float(fit.cost_final),
+        "seconds": organ.seconds,
+        "seconds_separation": organ.seconds_separation,
+        "seconds_fit": fit.seconds,
+        "threshold": None if threshold is None else [float(level) for level in threshold],
+        "net": net_text(fit.options.net),
+        "seed": [list(point) for point in organ.seeds],
+        **_boundary_entry(organ),
+        "erosion": None if region is None or region.erosion is None else float(region.erosion),
+        "options": dataclasses.asdict(fit.options),
+        "options_given": _given(organ.asked),
+        "choices": [_choice_entry(choice) for choice in fit.choices],
+        "touches_border": [] if region is None else border_sides(image, region),
+        "valid": not fit.problems,
+        "warnings": [diagnostic.record() for diagnostic in fit_diagnostics(image, fit)],
+        "region": None if region is None else _region_entry(region),
+    }
+
+
+def restored_organ(name: str, entry: Mapping[str, object], folder: Path, image: Image) -> FittedOrgan:
+    """Read an organ of an earlier run as it was after its fit.
+
+    Parameters
+    ----------
+    name : str
+    entry : mapping
+        From `organ_entry`.
+    folder : Path
+        Holds NAME.json and NAME_convergence.csv.
+    image : Image
+        The grey levels that were fitted.
+
+    Returns
+    -------
+    FittedOrgan
+
+    Raises
+    ------
+    ValueError
+        If something is missing or damaged.
+    """
+    try:
+        surface = read_surface(folder / f"{name}.json")
+        fit = _restored_fit(entry, surface, _read_history(folder / f"{name}_convergence.csv", surface), image)
+        given = entry["options_given"]
+        return FittedOrgan(
+            name,
+            fit,
+            _points(entry["seed"]),
+            entry["seconds"],
+            entry["seconds_separation"],
+            _points(entry.get("boundary", ())),
+            None if given is None else _options(given),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, zlib.error) as error:
+        msg = (
+            f"The organ {name} of an earlier run in {folder} cannot be read again ({reason(error)}); fit it again too, "
+            f"or remove {folder / name}.json to leave it out of the report."
+        )
+        raise ValueError(msg) from error
+
+
+def _restored_fit(
+    entry: Mapping[str, object], surface: BSplineSurface, history: tuple[Step, ...], image: Image
+) -> OrganFit:
+    options = _options(entry["options"])
+    points = np.array(entry.get("boundary", ()), dtype=float).reshape(-1, 3)
+    return OrganFit(
+        surface=surface,
+        region=None if entry["region"] is None else _restored_region(entry, options, image),
+        history=history,
+        converged=entry["converged"],
+        cost_initial=entry["cost_initial"],
+        cost_final=entry["cost_final"],
+        seconds=entry["seconds_fit"],
+        options=options,
+        boundary_points=points if options.boundary_weight > 0.0 else points[:0],
+        uncorrected=surface,
+        choices=tuple(_restored_choice(choice) for choice in entry["choices"]),
+        image=image,
+    )
+
+
+def _region_entry(region: Region) -> dict[str, object]:
+    """Voxels of the separated region, a bit for each, i fastest; and what looks wrong with it."""
+    return {
+        "offset_kji": list(region.offset),
+        "shape_kji": list(region.mask.shape),
+        "voxels": base64.b64encode(zlib.compress(np.packbits(region.mask).tobytes(), 9)).decode("ascii"),
+        "diagnostics": [diagnostic.record() for diagnostic in region.diagnostics],
+    }
+
+
+def _restored_region(entry: Mapping[str, object], options: FitOptions, image: Image) -> Region:
+    found = entry["region"]
+    shape = tuple(found["shape_kji"])
+    bits = np.frombuffer(zlib.decompress(base64.b64decode(found["voxels"])), dtype=np.uint8)
+    mask = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
+    region = region_from_crop(
+        image, mask, np.array(found["offset_kji"]), fill=False, threshold=options.threshold, erosion=entry["erosion"]
+    )
+    return replace(region, diagnostics=tuple(_restored_diagnostic(record) for record in found["diagnostics"]))
+
+
+def _choice_entry(choice: Choice) -> dict[str, object]:
+    reasons = [reason.record() for reason in choice.reasons]
+    return {"option": choice.option, "value": choice.value, "reasons": reasons}
+
+
+def _restored_choice(entry: Mapping[str, object]) -> Choice:
+    reasons = tuple(_restored_diagnostic(record) for record in entry["reasons"])
+    return Choice(entry["option"], entry["value"], reasons)
+
+
+def _restored_diagnostic(record: Mapping[str, object]) -> Diagnostic:
+    values = {
+        name: _restored_diagnostic(value) if isinstance(value, dict) else value
+        for name, value in record["values"].items()
+    }
+    return Diagnostic(record["code"], values)
+
+
+def _given(options: FitOptions | None) -> dict[str, object] | None:
+    """Options that differ from what is taken if nothing is given."""
+    if options is None:
+        return None
+    usual = FitOptions()
+    return {key: value for key, value in dataclasses.asdict(options).items() if value != getattr(usual, key)}
+
+
+def _options(entry: Mapping[str, object]) -> FitOptions:
+    return FitOptions(**{key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()})
+
+
+def _boundary_entry(organ: FittedOrgan) -> dict[str, object]:
+    """Boundary points and how far from the surface they are, if there are any."""
+    if not organ.boundary:
+        return {}
+    deviations = boundary_deviations(organ.fit.surface, organ.boundary)
+    return {"boundary": [list(point) for point in organ.boundary], "boundary_deviation_mm": deviations.tolist()}
+
+
+def _points(entry) -> tuple[tuple[float, float, float], ...]:
+    return tuple(tuple(point) for point in entry)
+
+
+def _read_history(path: Path, surface: BSplineSurface) -> tuple[Step, ...]:
+    """Read the iterations of a table of convergence; what the surface was in between is not kept."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    if not rows:
+        msg = f"{path} holds no iterations"
+        raise ValueError(msg)
+    return tuple(
+        Step(
+            row["stage"],
+            int(row["stage_iteration"]),
+            float(row["cost"]),
+            float(row["displacement_mm"]),
+            surface,
+            row["stopped_by"],
+        )
+        for row in rows
+    )

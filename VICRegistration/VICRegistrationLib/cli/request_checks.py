@@ -1,0 +1,103 @@
+"""Requests that an image cannot meet, found before the first organ is fitted."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..imaging.image import Image
+from ..registration.boundary import LARGEST_DISTANCE_MM
+from .configuration import OrganRequest
+
+
+def check_request(image: Image, request: OrganRequest) -> None:
+    """Refuse seeds and boundary points outside of an image, and a threshold beyond its grey levels.
+
+    Parameters
+    ----------
+    image : Image
+    request : OrganRequest
+
+    Raises
+    ------
+    ValueError
+        The sentence gives the right call where points lie in the image as LPS coordinates or as voxel indices.
+    """
+    _check_points(image, "seed", request.seeds)
+    # The wall may lie beyond the border of the volume, but not farther away than a correction goes.
+    _check_points(image, "boundary", request.boundary, reach=LARGEST_DISTANCE_MM)
+    if request.options.threshold is not None:
+        _check_threshold(image, *request.options.threshold)
+
+
+def _check_points(image: Image, word: str, points: Sequence[Sequence[float]], *, reach: float = 0.0) -> None:
+    """Refuse points that lie farther than `reach` mm outside of an image."""
+    inside = _inside(image, points, reach)
+    if all(inside):
+        return
+    first = points[inside.index(False)]
+    corners = image.to_ras(list(itertools.product(*([-0.5, count - 0.5] for count in image.size))))
+    ranges = ", ".join(
+        f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in zip("RAS", corners.min(0), corners.max(0))
+    )
+    what = "seed" if word == "seed" else "boundary point"
+    place = ", ".join(f"{value:.1f}" if abs(value) < 1e6 else f"{value:g}" for value in first)
+    msg = f"The {what} ({place}) mm lies outside the volume ({ranges} mm). {_advice(image, word, points)}"
+    raise ValueError(msg)
+
+
+def _advice(image: Image, word: str, points: Sequence[Sequence[float]]) -> str:
+    """Tell what was meant, if that can be known, and how to say it."""
+    meant = {
+        "LPS coordinates (of DICOM, ITK and ITK-SNAP)": np.asarray(points, dtype=float) * (-1.0, -1.0, 1.0),
+        "voxel indices i,j,k": _from_indices(image, points),
+    }
+    likely = {what: ras for what, ras in meant.items() if _all_in(image, ras)}
+    if not likely:
+        return "Give RAS coordinates in mm, as Slicer shows them under the mouse pointer."
+    which = "it" if len(points) == 1 else "all of them"
+    return " ".join(f"Taken as {what}, {which} would lie inside: {_call(word, ras)}." for what, ras in likely.items())
+
+
+def _from_indices(image: Image, points: Sequence[Sequence[float]]) -> np.ndarray | None:
+    """RAS coordinates of points that are voxels, (n, 3) mm."""
+    indices = np.asarray(points, dtype=float)
+    if np.any(indices != np.round(indices)) or np.any(indices < 0) or np.any(indices >= image.size):
+        return None
+    return image.to_ras(indices)
+
+
+def _all_in(image: Image, points: np.ndarray | None) -> bool:
+    return points is not None and all(_inside(image, points))
+
+
+def _inside(image: Image, points: Sequence[Sequence[float]], reach: float = 0.0) -> list[bool]:
+    """Which points lie in a voxel of the volume, or not farther than `reach` mm from one."""
+    places = np.asarray(points, dtype=float).reshape(-1, 3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        index = image.to_ijk(places)
+        nearest = np.clip(index, -0.5, image.size - 0.5)
+        away = np.linalg.norm(image.to_ras(nearest) - image.to_ras(index), axis=1)
+    # Not the other way round: a point so far away that its index overflows has no order.
+    return ((index == nearest).all(axis=1) | (away <= reach)).tolist()
+
+
+def _call(word: str, points: np.ndarray) -> str:
+    """Points as flags and as a key of the configuration."""
+    texts = [[f"{round(float(value), 2) + 0.0:g}" for value in point] for point in points]
+    flags = " ".join(f"--{word}={','.join(text)}" for text in texts)
+    lists = ", ".join(f"[{', '.join(text)}]" for text in texts)
+    return f'in RAS mm, give {flags} (in a configuration "{word}": [{lists}])'
+
+
+def _check_threshold(image: Image, low: float, high: float) -> None:
+    least, most = float(image.array.min()), float(image.array.max())
+    if low > high or (low <= most and high >= least):
+        return
+    msg = (
+        f"The threshold {low:g} to {high:g} holds no voxel: the grey levels of the image go from {least:g} to "
+        f"{most:g}. Give the lowest and the highest grey level of the organ."
+    )
+    raise ValueError(msg)

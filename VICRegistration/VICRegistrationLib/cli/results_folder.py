@@ -1,0 +1,220 @@
+"""Writing what a run has fitted into the folder of results of its image, beside what earlier runs have fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..files import replacing_folder
+from ..imaging.image import Image
+from ..registration.diagnostics import fit_diagnostics
+from ..report.contents import Source
+from ..report.pictures import organ_picture, overview_picture
+from ..transactions import one_at_a_time
+from .organ_entries import FittedOrgan, restored_organ
+from .outputs import organ_files, run_entry, write_organ, write_report, write_solids
+from .references import OrganReference, read_again
+from .report_page import compared_organs, write_page
+from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT, StoredResults, read_results
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run has fitted, and what is to be written about it.
+
+    Parameters
+    ----------
+    organs : sequence of FittedOrgan
+    image : Image
+    record : mapping
+        Which image it is, from :func:`.stored_results.image_record`.
+    seconds_load : float
+        Time to read the image.
+    pictures : bool
+        Whether to draw pictures.
+    step : bool
+        Whether to write the exact solids.
+    references : mapping of str to OrganReference
+        By the organs' names.
+    failed : mapping of str to str
+        Organs that could not be fitted, with the sentences about them.
+    """
+
+    organs: Sequence[FittedOrgan]
+    image: Image
+    record: Mapping[str, object]
+    seconds_load: float
+    pictures: bool
+    step: bool
+    references: Mapping[str, OrganReference] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the organs."""
+        return [organ.name for organ in self.organs]
+
+
+def target_files(names: Sequence[str], *, pictures: bool, step: bool) -> list[str]:
+    """Names of all files that a run may write.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of its organs.
+    pictures, step : bool
+
+    Returns
+    -------
+    list of str
+    """
+    own = [file for name in names for file in organ_files(name, pictures=pictures, solid=step)]
+    return [*own, *([PAGE, OVERVIEW] if pictures else []), *([ASSEMBLY] if step else []), REPORT]
+
+
+def restored_organs(stored: StoredResults, names: Sequence[str], image: Image) -> dict[str, FittedOrgan]:
+    """Read the organs of earlier runs that stay.
+
+    Parameters
+    ----------
+    stored : StoredResults
+    names : sequence of str
+        Of the organs of this run.
+    image : Image
+
+    Returns
+    -------
+    dict of str to FittedOrgan
+
+    Raises
+    ------
+    ValueError
+        If one cannot be read again.
+    """
+    others = {name: entry for name, entry in stored.organs.items() if name not in names}
+    return {name: restored_organ(name, entry, stored.folder, image) for name, entry in others.items()}
+
+
+def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: Callable[[str], None]) -> None:
+    """Add the organs of a run to a folder of results, or replace them in it: all of it, or nothing.
+
+    Parameters
+    ----------
+    run : Run
+    folder : Path
+        Is made if there is none.
+    say, warn : callable
+        Get lines of progress, and of what has to be known.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds results of another image, or a file that is no result would be replaced.
+    OSError
+        If a file cannot be written.
+    """
+    waiting = f"waiting for another run that writes into {folder}"
+    with one_at_a_time(folder, on_wait=lambda: say(waiting)):
+        # Another run may have added organs while this one was fitting.
+        stored = read_results(folder)
+        stored.check_image(run.record)
+        stored.check_targets(target_files(run.names, pictures=run.pictures, step=run.step))
+        outdated: list[str] = []
+        with replacing_folder(folder, outdated=outdated) as drafts:
+            _write_drafts(run, stored, drafts, warn)
+            outdated += _outdated(run, stored, drafts, warn)
+    _tell_what_went(run, stored, outdated, warn)
+    kept = ", ".join(name for name in stored.organs if name not in run.names)
+    say(f"written to {folder}: {', '.join(run.names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
+
+
+def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str], None]) -> None:
+    """Write the files of the run, and those about all organs of the folder."""
+    for organ in run.organs:
+        write_organ(organ, drafts)
+    fitted = {organ.name: organ for organ in run.organs}
+    names = [*stored.organs, *(name for name in run.names if name not in stored.organs)]
+    everyone = []
+    if run.pictures or run.step:
+        found = {**restored_organs(stored, run.names, run.image), **fitted}
+        everyone = [found[name] for name in names]
+    solids = write_solids(everyone, drafts, names=run.names) if run.step else []
+    own = {name: organ_files(name, pictures=run.pictures, solid=f"{name}.step" in solids) for name in run.names}
+    files = {name: own.get(name) or list(stored.files_of(name)) for name in names}
+    common = [ASSEMBLY] if ASSEMBLY in solids else []
+    if run.pictures:
+        common += [PAGE, *([OVERVIEW] if len(names) > 1 else [])]
+        _write_pictures(run, stored, everyone, drafts, files=files, common=common, warn=warn)
+    entries = {name: stored.organs[name] for name in names if name not in fitted}
+    for organ in run.organs:
+        reference = run.references.get(organ.name)
+        entry = run_entry(organ, run.image, drafts, files=own[organ.name], reference=reference)
+        entries[organ.name] = {**entry, "seconds_load": run.seconds_load}
+    write_report(
+        drafts,
+        {name: entries[name] for name in names},
+        image=run.record,
+        files=common,
+        failed=run.failed,
+        seconds_load=run.seconds_load,
+    )
+
+
+def _write_pictures(
+    run: Run,
+    stored: StoredResults,
+    organs: Sequence[FittedOrgan],
+    drafts: Path,
+    *,
+    files: Mapping[str, Sequence[str]],
+    common: Sequence[str],
+    warn: Callable[[str], None],
+) -> None:
+    """Write a picture of each organ of the run, one of all of several, and the page that people read."""
+    compared = compared_organs(organs, {**_stored_references(run, stored, warn), **run.references})
+    shapes = {name: found.read.reference for name, found in compared.items()}
+    for organ in run.organs:
+        count = len(fit_diagnostics(run.image, organ.fit))
+        path = drafts / f"{organ.name}.png"
+        organ_picture(path, run.image, organ.fit, organ.name, reference=shapes.get(organ.name), n_warnings=count)
+    if len(organs) > 1:
+        fits = {organ.name: organ.fit for organ in organs}
+        overview_picture(drafts / OVERVIEW, run.image, fits, references=shapes)
+    for name in run.names:
+        for warning in compared[name].warnings if name in compared else ():
+            warn(f"{name}: warning: {warning}")
+    source = Source(str(run.record["image"]), str(run.record["image_series"] or ""))
+    write_page(drafts, organs, run.image, source, compared=compared, files=files, common=common)
+
+
+def _stored_references(run: Run, stored: StoredResults, warn: Callable[[str], None]) -> dict[str, OrganReference]:
+    """Read the references of earlier runs again."""
+    found = {}
+    for name, entry in stored.organs.items():
+        if name in run.names or entry["reference"] is None:
+            continue
+        try:
+            found[name] = read_again(name, entry["reference"])
+        except (OSError, ValueError) as error:
+            warn(f"{name}: warning: report.html is without its reference, which cannot be read again: {error}")
+    return found
+
+
+def _outdated(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str], None]) -> list[str]:
+    """Results of earlier runs that would not show what is there now."""
+    organs = dict.fromkeys([*run.names, *stored.removed_organs])
+    listed = [*stored.content.get("files", {}), *(file for name in organs for file in stored.files_of(name))]
+    old = [name for name in listed if (stored.folder / name).is_file() and not (drafts / name).exists()]
+    for name in old:
+        if not stored.holds(name):
+            warn(f"{stored.folder / name} is outdated; it was changed since it was written, so it is left there")
+    return [name for name in old if stored.holds(name)]
+
+
+def _tell_what_went(run: Run, stored: StoredResults, outdated: Sequence[str], warn: Callable[[str], None]) -> None:
+    removed = ", ".join(name for name in stored.removed_organs if name not in run.names)
+    if removed:
+        warn(f"no longer in the report, as the surface was removed from {stored.folder}: {removed}")
+    if outdated:
+        warn(f"removed from {stored.folder}, as outdated: {', '.join(outdated)}")

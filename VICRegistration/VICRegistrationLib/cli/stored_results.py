@@ -1,0 +1,227 @@
+"""The folder of results of one image: what earlier runs have left there, and whose the files are.
+
+A folder belongs to one image. Organs are added to it or replaced in it; ``report.json`` names all of them with their
+files and the digests of those. A file is a result if the report names it and its content is the one that was written;
+everything else in the folder is the user's and is never touched.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..file_names import file_key
+from ..files import reason
+from ..imaging.image import Image
+
+REPORT, PAGE, OVERVIEW, ASSEMBLY = "report.json", "report.html", "overview.png", "organs.step"
+SCHEMA, VERSION = "vic-registration/report", 2
+# Two readings of one file may round differently, mm.
+_SAME_PLACE_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class StoredResults:
+    """What ``report.json`` of a folder says.
+
+    Parameters
+    ----------
+    folder : Path
+    content : dict
+        Of the report; empty if there is none.
+    """
+
+    folder: Path
+    content: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def organs(self) -> dict[str, dict]:
+        """Entries of the organs by their names; those whose surface the user has removed are left out."""
+        return {name: entry for name, entry in self._all_organs.items() if (self.folder / f"{name}.json").is_file()}
+
+    @property
+    def removed_organs(self) -> list[str]:
+        """Names of the organs whose surface the user has removed."""
+        return [name for name in self._all_organs if name not in self.organs]
+
+    @property
+    def _all_organs(self) -> dict[str, dict]:
+        return self.content.get("organs", {})
+
+    def files_of(self, name: str) -> dict[str, str]:
+        """Files of one organ with their digests; none if it is not known."""
+        return self._all_organs.get(name, {}).get("files", {})
+
+    @property
+    def files(self) -> dict[str, str]:
+        """All files with their digests, but for the report itself."""
+        common = self.content.get("files", {})
+        return {**common, **{file: digest for name in self._all_organs for file, digest in self.files_of(name).items()}}
+
+    def holds(self, name: str) -> bool:
+        """Whether a file of the folder is a result, as it was written."""
+        if name == REPORT:
+            return bool(self.content)
+        return name in self.files and file_digest(self.folder / name) == self.files[name]
+
+    def check_targets(self, names: Iterable[str]) -> None:
+        """Refuse to replace files that are no results.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of files to be written.
+
+        Raises
+        ------
+        ValueError
+            If one is there that is not a result, or was changed since.
+        """
+        for name in names:
+            path = self.folder / name
+            if not os.path.lexists(path) or path.is_dir() or self.holds(name):
+                continue
+            if name in self.files:
+                msg = f"{path} was changed since it was written; move it elsewhere, or choose another output folder."
+            else:
+                msg = f"{path} is there and is no result of a fit; move it elsewhere, or choose another output folder."
+            raise ValueError(msg)
+
+    def check_names(self, names: Iterable[str]) -> None:
+        """Refuse a name that differs from one in the folder only in what file systems ignore.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Of organs to be fitted.
+
+        Raises
+        ------
+        ValueError
+            If one does.
+        """
+        known = {file_key(name): name for name in self._all_organs}
+        for name in names:
+            before = known.get(file_key(name), name)
+            if before != name:
+                msg = f"The folder {self.folder} holds an organ {before}; name it like that, or choose another folder."
+                raise ValueError(msg)
+
+    def check_image(self, record: Mapping[str, object]) -> None:
+        """Refuse to mix results of two images.
+
+        Parameters
+        ----------
+        record : mapping
+            From `image_record`.
+
+        Raises
+        ------
+        ValueError
+            If the results are of another image.
+        """
+        if not self.content or self._is_of(record):
+            return
+        before, now = str(self.content["image"]), str(record["image"])
+        same_name = Path(before).name == Path(now).name and self.content.get("image_series") == record["image_series"]
+        what = f"an earlier version of {before}" if same_name else f"another image, {before}"
+        msg = (
+            f"The folder {self.folder} holds results of {what}; choose another folder by --output, or remove it. "
+            "A folder belongs to one image."
+        )
+        raise ValueError(msg)
+
+    def _is_of(self, record: Mapping[str, object]) -> bool:
+        matrices = (np.asarray(found["image_ijk_to_ras"], dtype=float) for found in (self.content, record))
+        return (
+            self.content["image_size"] == record["image_size"]
+            and self.content["image_digest"] == record["image_digest"]
+            and np.allclose(*matrices, rtol=0.0, atol=_SAME_PLACE_MM)
+        )
+
+
+def read_results(folder: Path) -> StoredResults:
+    """Read what a folder of results holds.
+
+    Parameters
+    ----------
+    folder : Path
+        Need not exist.
+
+    Returns
+    -------
+    StoredResults
+
+    Raises
+    ------
+    OSError
+        If ``report.json`` cannot be read.
+    ValueError
+        If it was not written by this version of the program.
+    """
+    path = folder / REPORT
+    way_out = "choose another folder by --output, or remove it"
+    try:
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return StoredResults(folder)
+    except OSError as error:
+        msg = f"{path} cannot be read ({reason(error)}); {way_out}."
+        raise OSError(msg) from error
+    except ValueError as error:
+        msg = f"{path} is damaged ({reason(error)}); {way_out}."
+        raise ValueError(msg) from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        msg = f"{path} is no report of a fit, and one would replace it; {way_out}."
+        raise ValueError(msg)
+    if content.get("version") != VERSION:
+        msg = (
+            f"{path} has version {content.get('version')!r}, and version {VERSION} is understood: another version of "
+            f"the program has written it; {way_out}."
+        )
+        raise ValueError(msg)
+    return StoredResults(folder, content)
+
+
+def image_record(image: Image, path: str, series: str | None) -> dict[str, object]:
+    """Tell which image it is, for ``report.json``.
+
+    Parameters
+    ----------
+    image : Image
+    path : str
+        As the user gave it.
+    series : str, optional
+        The DICOM series that was asked for.
+
+    Returns
+    -------
+    dict
+        With size, spacing, matrix, and the digest of the grey levels: whatever the file is called.
+    """
+    digest = hashlib.sha256()
+    for part in image.array:
+        # Readers may give whole numbers as floating ones.
+        digest.update(np.ascontiguousarray(part, dtype="<f4").tobytes())
+    return {
+        "image": path,
+        "image_series": series,
+        "image_size": image.size.tolist(),
+        "image_spacing_mm": image.spacing.tolist(),
+        "image_ijk_to_ras": image.ijk_to_ras.tolist(),
+        "image_digest": digest.hexdigest(),
+    }
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file as hexadecimal digits; empty if it is not there."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
