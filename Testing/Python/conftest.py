@@ -52,8 +52,8 @@ def few_points(monkeypatch):
 @pytest.fixture(scope="module")
 def small_pictures():
     """Draw pictures with few pixels, for tests that do not look at them."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("VICRegistrationLib.report.canvas._DPI", 30)
+    matplotlib = pytest.importorskip("matplotlib", reason="pictures need matplotlib")
+    with matplotlib.rc_context({"savefig.dpi": 30}):
         yield
 
 

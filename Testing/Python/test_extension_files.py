@@ -63,17 +63,29 @@ def rooms_imported_by(path):
             yield parts[1]
 
 
+def resources():
+    """Files beside the modules that are no Python: Slicer copies them to the same places."""
+    in_library = {file for file in files_below(LIBRARY, "*") if not file.endswith(".py")}
+    return files_below(MODULE / "Resources", "*") | in_library
+
+
 @pytest.mark.parametrize(
-    ("name", "folder", "pattern"),
-    [("MODULE_PYTHON_SCRIPTS", MODULE, "*.py"), ("MODULE_PYTHON_RESOURCES", MODULE / "Resources", "*")],
+    ("name", "files"),
+    [("MODULE_PYTHON_SCRIPTS", files_below(MODULE, "*.py")), ("MODULE_PYTHON_RESOURCES", resources())],
 )
-def test_the_module_lists_every_file_once(name, folder, pattern):
+def test_the_module_lists_every_file_once(name, files):
     listed = cmake_list(name)
-    files = files_below(folder, pattern)
     differences = [f"add to {name}:      {file}" for file in sorted(files - set(listed))]
     differences += [f"remove from {name}: {file}" for file in sorted(set(listed) - files)]
     differences += [f"listed twice in {name}: {file}" for file in sorted(set(listed)) if listed.count(file) > 1]
     assert not differences, "\n" + "\n".join(differences)
+
+
+def test_a_wheel_holds_the_library_s_files_that_are_no_python():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^\[tool\.setuptools\.package-data\]\nVICRegistrationLib = (\[.*\])$", text, re.MULTILINE)
+    packed = {f"VICRegistrationLib/{file}" for file in ast.literal_eval(listed.group(1))}
+    assert packed == {file for file in resources() if file.startswith("VICRegistrationLib/")}
 
 
 def test_every_package_has_its_init_file():

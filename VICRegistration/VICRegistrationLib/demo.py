@@ -84,7 +84,8 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     from .meshing.process import MeshingError
     from .meshing.quality import quality
     from .meshing.regions import MeshOptions
-    from .report.mesh_picture import mesh_picture
+    from .report.figure import save_figure
+    from .report.pictures import mesh_figure
 
     _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
     solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
@@ -99,7 +100,7 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
             write_tetrahedra(mesh, drafts / f"organs{suffix}")
         report = json.dumps(quality(mesh).as_json(), indent=2, allow_nan=False)
         (drafts / "organs.quality.json").write_text(report + "\n", encoding="utf-8")
-        mesh_picture(drafts / "organs.png", mesh, f"Mesh of {MESH_SIZE_MM:g} mm")
+        save_figure(mesh_figure(mesh, f"Mesh of {MESH_SIZE_MM:g} mm"), drafts / "organs.png")
     for line in quality(mesh).lines():
         _say(line)
     _say(f"written to {directory}: organs.vtu, organs.msh, organs.quality.json, organs.png")

@@ -75,6 +75,13 @@ class Deviation:
             n=len(distances),
         )
 
+    def sentence(self) -> str:
+        """Say it in words."""
+        return (
+            f"mean {self.mean:.2f} mm, signed {self.mean_signed:+.2f} mm, 95 % below {self.p95:.2f} mm, "
+            f"largest {self.maximum:.2f} mm"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMesh:

@@ -23,9 +23,9 @@ _RESOLUTION = 2e-4
 _STARTS = 6
 _PATCH = 4
 _MAX_ROUNDS = 40
-# The common volume is counted in a box of so many cells along each edge. Its triangles are off by this part of the
-# overlap's depth, but not finer than this part of the surface's size: together within 1 % of the formula for balls that
-# overlap by 0.3 mm or more.
+# The common volume is counted in a box of so many cells along each edge, between triangles that are off by this part of
+# the box's thickness, or of the surface's size: together within 1 % of the formula for balls that overlap by 0.3 mm or
+# more.
 _CELLS = 96
 _CHORD_ERROR, _LEAST_CHORD_ERROR = 1e-3, 5e-6
 _MAX_SHRINKINGS = 12
@@ -178,14 +178,12 @@ def _common_volume(
 
     No point of its boundary is farther than the margin, mm, from one of the given ones, (n, 3).
     """
-    meshes = [
-        triangulate(surface, chord_error=max(_CHORD_ERROR * deepest.distance, _LEAST_CHORD_ERROR * surface.size))
-        for surface in surfaces
-    ]
     # Along the principal axes, so that the box of a thin lens is thin.
     axes = np.linalg.svd(boundary - boundary.mean(axis=0), full_matrices=True)[2]
     box, middle = Box.around(boundary, axes, margin=margin), np.mean(deepest.points, axis=0)
     for _ in range(_MAX_SHRINKINGS):
+        chords = (max(_CHORD_ERROR * box.lengths.min(), _LEAST_CHORD_ERROR * surface.size) for surface in surfaces)
+        meshes = (triangulate(surface, chord_error=chord) for surface, chord in zip(surfaces, chords))
         both = np.logical_and(*(box.inside(mesh.points, mesh.triangles, _CELLS) for mesh in meshes))
         matrix = box.cells(_CELLS)
         found = np.argwhere(both)[:, ::-1] @ matrix[:3, :3].T + matrix[:3, 3]

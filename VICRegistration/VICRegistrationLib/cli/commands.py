@@ -90,10 +90,10 @@ def reproduce(options: argparse.Namespace) -> None:
     OSError, RuntimeError
         With a sentence for the user.
     """
-    from ..report.canvas import require_matplotlib
+    from ..report.figure import require_packages
     from ..validation.report import reproduce as run
 
-    require_matplotlib(otherwise="")
+    require_packages("matplotlib", otherwise="")
     with replacing_folder(options.folder) as drafts:
         run(drafts, say=speaker())
     speaker()(f"table and plots written to {options.folder}")

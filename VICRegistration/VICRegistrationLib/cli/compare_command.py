@@ -11,18 +11,10 @@ from ..export.mesh_reading import READABLE_MESHES
 from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
 from ..geometry.validity import check_surface
+from ..report.contents import TOLERANCES, ComparedOrgan, compared_organ
+from ..report.figure import require_packages
 from . import references, validators
-from .comparison_files import (
-    CSV,
-    JSON,
-    TOLERANCES,
-    ComparedOrgan,
-    compared_organ,
-    comparison_table,
-    organ_files,
-    write_numbers,
-    write_organ,
-)
+from .comparison_files import CSV, JSON, comparison_table, organ_files, write_numbers, write_organ
 from .console import argument, speaker
 from .solids import file_name, read_solids
 
@@ -117,9 +109,7 @@ def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
     """Compare, and write everything into the folder or nothing."""
     pictures = not options.no_pictures
     if pictures:
-        from ..report.canvas import require_matplotlib
-
-        require_matplotlib()
+        require_packages("matplotlib")
     names = [file_name(solid.name) for solid in solids]
     files = [file for name in names for file in organ_files(name, pictures=True)]
     inputs = [*options.surfaces, *paths.values()]
@@ -137,8 +127,9 @@ def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
 def _compared(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:
     found = references.read_references([solid.name for solid in solids], paths, options)
     tolerances = tuple(dict.fromkeys(options.tolerance or TOLERANCES))
+    how = {"points": options.points, "tolerances": tolerances}
     return [
-        compared_organ(solid.name, solid.surface, found[solid.name], points=options.points, tolerances=tolerances)
+        compared_organ(solid.name, solid.surface, found[solid.name].read, found[solid.name].path, **how)
         for solid in solids
     ]
 

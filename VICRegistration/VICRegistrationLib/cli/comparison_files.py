@@ -7,121 +7,18 @@ import dataclasses
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from .. import __version__
-from ..analysis.comparison import Comparison, compare, distances_from
-from ..analysis.references import ReadReference
 from ..export.mesh_files import write_vtp
 from ..files import replacing
-from ..geometry.surface import BSplineSurface
-from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
+from ..report.contents import ComparedOrgan
 from .console import aligned
-from .references import OrganReference
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
 SCALARS = "Deviation"
-TOLERANCES = (0.5, 1.0, 2.0)
-_CHORD_ERROR = 0.05
-# Below it, surface and reference are hardly of the same organ.
-_DOUBTFUL_DICE = 0.1
-# Small enough to look smooth, and to show where the deviation changes.
-_LEAST_RESOLUTION = (128, 80)
 _STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum", "mean_signed")
-
-
-@dataclass(frozen=True, eq=False)
-class ComparedOrgan:
-    """A fitted organ, its reference, and how they compare.
-
-    Parameters
-    ----------
-    name : str
-    surface : BSplineSurface
-        RAS mm.
-    read : ReadReference
-    path : Path
-        File of the reference.
-    comparison : Comparison
-    """
-
-    name: str
-    surface: BSplineSurface
-    read: ReadReference
-    path: Path
-    comparison: Comparison
-
-    @property
-    def against(self) -> str:
-        """What it was compared with, in words."""
-        return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
-
-    @property
-    def warnings(self) -> list[str]:
-        """What should be looked at before the numbers are used, a sentence each."""
-        found = list(self.read.notes)
-        if self.comparison.volume_dice < _DOUBTFUL_DICE:
-            found.append(
-                f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
-                "that both are of one organ in one image"
-                + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
-            )
-        return found
-
-    @cached_property
-    def mesh(self) -> TriangleMesh:
-        """Triangles to look at."""
-        needed = resolution_for_chord_error(self.surface, _CHORD_ERROR)
-        u, v = (max(pair) for pair in zip(needed, _LEAST_RESOLUTION))
-        return triangulate(self.surface, resolution=(u, v))
-
-    @cached_property
-    def distances(self) -> np.ndarray:
-        """Of the triangles' points from the reference, mm."""
-        return distances_from(self.read.reference, self.mesh.points)
-
-
-def compared_organ(
-    name: str,
-    surface: BSplineSurface,
-    reference: OrganReference,
-    *,
-    points: int = 10_000,
-    tolerances: Sequence[float] = TOLERANCES,
-) -> ComparedOrgan:
-    """Compare one organ.
-
-    Parameters
-    ----------
-    name : str
-    surface : BSplineSurface
-        RAS mm.
-    reference : OrganReference
-    points : int
-        Number of points of each surface.
-    tolerances : sequence of float
-        Of the surface Dice, mm.
-
-    Returns
-    -------
-    ComparedOrgan
-
-    Raises
-    ------
-    ValueError
-        If they cannot be compared; the sentence names the organ and the file.
-    """
-    try:
-        found = compare(surface, reference.read.reference, n_points=points, tolerances=tolerances)
-    except ValueError as error:
-        msg = f"{name} cannot be compared with {reference.path}: {error}"
-        raise ValueError(msg) from error
-    return ComparedOrgan(name, surface, reference.read, reference.path, found)
 
 
 def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
@@ -194,9 +91,10 @@ def write_organ(organ: ComparedOrgan, folder: Path, *, pictures: bool) -> None:
     files = organ_files(organ.name, pictures=pictures)
     write_vtp(organ.mesh, organ.surface, folder / files[0], name=organ.name, scalars={SCALARS: organ.distances})
     if pictures:
-        from ..report.deviation_picture import deviation_picture
+        from ..report.figure import save_figure
+        from ..report.pictures import deviation_figure
 
-        deviation_picture(folder / files[1], organ.mesh, organ.distances, organ.comparison, organ.name, organ.against)
+        save_figure(deviation_figure(organ), folder / files[1])
 
 
 def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int, pictures: bool) -> None:

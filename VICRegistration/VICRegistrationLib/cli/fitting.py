@@ -14,7 +14,7 @@ from ..imaging.region import Region
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
-from ..report.canvas import require_matplotlib
+from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
@@ -82,7 +82,7 @@ def fit_to_folder(
         If pictures are wanted and matplotlib is missing.
     """
     if pictures:
-        require_matplotlib()
+        require_packages("matplotlib", "jinja2")
     folder = Path(folder)
     stored = _checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
     start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""report.html: the page that people read, from what a run fitted."""
+"""report.html and the pictures beside it, from what a run fitted."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from ..files import replacing
 from ..imaging.image import Image
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import FitOptions
-from ..report.canvas import indexed_png, read_pixels
-from ..report.contents import Compared, ReportedOrgan, Source
-from ..report.figures import confidence_percentiles, organ_figures
+from ..report.contents import ReportedOrgan, Source, compared_organ
+from ..report.figure import save_figure
 from ..report.page import report_html
-from .comparison_files import ComparedOrgan, compared_organ
+from ..report.pictures import organ_figure, overview_figure
 from .organ_entries import FittedOrgan
 from .references import OrganReference
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
@@ -36,51 +35,63 @@ _COMMON_PURPOSES = {
 }
 
 
-def compared_organs(
-    organs: Sequence[FittedOrgan], references: Mapping[str, OrganReference]
-) -> dict[str, ComparedOrgan]:
-    """Compare fitted organs with their references.
+def reported_organs(
+    organs: Sequence[FittedOrgan], image: Image, references: Mapping[str, OrganReference]
+) -> list[ReportedOrgan]:
+    """Compare fitted organs with their references, and find what looks wrong about them.
 
     Parameters
     ----------
     organs : sequence of FittedOrgan
+    image : Image
+        The grey levels that were fitted.
     references : mapping of str to OrganReference
-        By the organs' names; those of organs without one are left out.
+        By the organs' names; others have none.
 
     Returns
     -------
-    dict of str to ComparedOrgan
+    list of ReportedOrgan
 
     Raises
     ------
     ValueError
         If an organ cannot be compared with its reference.
     """
-    known = [organ for organ in organs if organ.name in references]
-    return {organ.name: compared_organ(organ.name, organ.fit.surface, references[organ.name]) for organ in known}
+    return [_reported(organ, image, references.get(organ.name)) for organ in organs]
 
 
-def write_page(
+def _reported(organ: FittedOrgan, image: Image, reference: OrganReference | None) -> ReportedOrgan:
+    warnings = [found.sentence() for found in fit_diagnostics(image, organ.fit)]
+    compared = None
+    if reference is not None:
+        compared = compared_organ(organ.name, organ.fit.surface, reference.read, reference.path)
+        warnings += [f"Comparison with the reference: {warning}." for warning in compared.warnings]
+    how = {"seeds": organ.seeds, "seconds": organ.seconds, "asked": _asked(organ.asked)}
+    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, **how)
+
+
+def write_pictures(
     folder: Path,
-    organs: Sequence[FittedOrgan],
+    organs: Sequence[ReportedOrgan],
     image: Image,
     source: Source,
     *,
-    compared: Mapping[str, ComparedOrgan],
+    names: Sequence[str],
     files: Mapping[str, Sequence[str]],
     common: Sequence[str],
 ) -> None:
-    """Write report.html.
+    """Write a picture of some organs, one of all of several, and report.html.
 
     Parameters
     ----------
     folder : Path
-        Holds overview.png if there are several organs.
-    organs : sequence of FittedOrgan
+    organs : sequence of ReportedOrgan
+        All that the page is about.
     image : Image
+        The grey levels that were fitted.
     source : Source
-    compared : mapping of str to ComparedOrgan
-        From `compared_organs`.
+    names : sequence of str
+        Of the organs that get a picture of their own.
     files : mapping of str to sequence of str
         Names of the files of each organ.
     common : sequence of str
@@ -89,55 +100,38 @@ def write_page(
     Raises
     ------
     OSError
-        If the file cannot be written.
+        If a file cannot be written.
     RuntimeError
-        If matplotlib is not installed.
+        If matplotlib or Jinja2 is not installed.
     """
+    for organ in organs:
+        if organ.name in names:
+            save_figure(organ_figure(image, organ), folder / f"{organ.name}.png")
     several = len(organs) > 1
+    if several:
+        save_figure(overview_figure(image, organs), folder / OVERVIEW)
+    valid = {organ.name: organ.fit.surface for organ in organs if not organ.fit.problems}
     page = report_html(
-        [_reported(organ, image, compared.get(organ.name)) for organ in organs],
+        organs,
         image,
         source,
         program=f"vic-registration {__version__}",
         date=datetime.now().astimezone(),
-        overview=indexed_png(read_pixels(folder / OVERVIEW)) if several else None,
-        gaps=_gaps(organs) if several else (),
+        gaps=[str(gap) for gap in gaps(valid)] if several else (),
         files=_files(files, common),
     )
     with replacing(folder / PAGE) as draft:
         draft.write_text(page, encoding="utf-8")
 
 
-def _reported(organ: FittedOrgan, image: Image, found: ComparedOrgan | None) -> ReportedOrgan:
-    fit = organ.fit
-    compared = reference = None
-    if found is not None:
-        compared = Compared(found.against, found.comparison, found.mesh, found.distances)
-        reference = found.read.reference
-    about_reference = (
-        [] if found is None else [f"Comparison with the reference: {warning}." for warning in found.warnings]
-    )
-    return ReportedOrgan(
-        name=organ.name,
-        fit=fit,
-        figures=organ_figures(image, fit, organ.name, reference=reference, compared=compared),
-        seeds=organ.seeds,
-        asked=_asked(organ.asked),
-        seconds=organ.seconds,
-        warnings=[*(found.sentence() for found in fit_diagnostics(image, fit)), *about_reference],
-        percentiles=confidence_percentiles(fit),
-        compared=compared,
-    )
-
-
-def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[list[str], str]]:
+def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[str, str]]:
     """Files beside the page with what they are for, those of one kind together."""
     kinds = [
         ([name + ending for name, own in files.items() if name + ending in own], use)
         for ending, use in _PURPOSES.items()
     ]
-    others = [([name], use) for name, use in _COMMON_PURPOSES.items() if name in (REPORT, *common)]
-    return [(kind, use) for kind, use in [*kinds, *others] if kind]
+    kinds += [([name], use) for name, use in _COMMON_PURPOSES.items() if name in (REPORT, *common)]
+    return [(", ".join(kind), use) for kind, use in kinds if kind]
 
 
 def _asked(options: FitOptions | None) -> list[str]:
@@ -146,8 +140,3 @@ def _asked(options: FitOptions | None) -> list[str]:
         return []
     usual = FitOptions()
     return [key for key, value in vars(options).items() if value != getattr(usual, key)]
-
-
-def _gaps(organs: Sequence[FittedOrgan]) -> list[str]:
-    """How valid organs lie to each other, a sentence each."""
-    return [str(gap) for gap in gaps({organ.name: organ.fit.surface for organ in organs if not organ.fit.problems})]

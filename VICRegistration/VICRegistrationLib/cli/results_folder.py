@@ -8,14 +8,12 @@ from pathlib import Path
 
 from ..files import replacing_folder
 from ..imaging.image import Image
-from ..registration.diagnostics import fit_diagnostics
 from ..report.contents import Source
-from ..report.pictures import organ_picture, overview_picture
 from ..transactions import one_at_a_time
 from .organ_entries import FittedOrgan, restored_organ
 from .outputs import organ_files, run_entry, write_organ, write_report, write_solids
 from .references import OrganReference, read_again
-from .report_page import compared_organs, write_page
+from .report_page import reported_organs, write_pictures
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT, StoredResults, read_results
 
 
@@ -172,20 +170,12 @@ def _write_pictures(
     warn: Callable[[str], None],
 ) -> None:
     """Write a picture of each organ of the run, one of all of several, and the page that people read."""
-    compared = compared_organs(organs, {**_stored_references(run, stored, warn), **run.references})
-    shapes = {name: found.read.reference for name, found in compared.items()}
-    for organ in run.organs:
-        count = len(fit_diagnostics(run.image, organ.fit))
-        path = drafts / f"{organ.name}.png"
-        organ_picture(path, run.image, organ.fit, organ.name, reference=shapes.get(organ.name), n_warnings=count)
-    if len(organs) > 1:
-        fits = {organ.name: organ.fit for organ in organs}
-        overview_picture(drafts / OVERVIEW, run.image, fits, references=shapes)
-    for name in run.names:
-        for warning in compared[name].warnings if name in compared else ():
-            warn(f"{name}: warning: {warning}")
+    reported = reported_organs(organs, run.image, {**_stored_references(run, stored, warn), **run.references})
+    for organ in reported:
+        for warning in organ.compared.warnings if organ.compared is not None and organ.name in run.names else ():
+            warn(f"{organ.name}: warning: {warning}")
     source = Source(str(run.record["image"]), str(run.record["image_series"] or ""))
-    write_page(drafts, organs, run.image, source, compared=compared, files=files, common=common)
+    write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common)
 
 
 def _stored_references(run: Run, stored: StoredResults, warn: Callable[[str], None]) -> dict[str, OrganReference]:

@@ -1,19 +1,26 @@
-"""What a report is about, as plain data."""
+"""What pictures and the page are about: fitted organs with what was given, and what they were compared with."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from ..analysis.comparison import Comparison
-from ..geometry.triangulation import TriangleMesh
-from ..registration.automatic import Choice
-from ..registration.confidence import Confidence
+from ..analysis.comparison import Comparison, compare, distances_from
+from ..analysis.references import ReadReference
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
 from ..registration.organ import OrganFit
 
-Point = tuple[float, float, float]
+TOLERANCES = (0.5, 1.0, 2.0)
+_CHORD_ERROR = 0.05
+# Small enough to look smooth, and to show where a deviation changes.
+_LEAST_RESOLUTION = (128, 80)
+# Below it, surface and reference are hardly of the same organ.
+_DOUBTFUL_DICE = 0.1
 
 
 @dataclass(frozen=True)
@@ -33,82 +40,127 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
-    """An organ beside its reference.
-
-    Parameters
-    ----------
-    against : str
-        What the reference is, in words.
-    comparison : Comparison
-    mesh : TriangleMesh
-        Of the fitted surface, RAS mm.
-    distances : (n,) ndarray
-        Of its vertices from the reference, mm, positive outside.
-    """
-
-    against: str
-    comparison: Comparison
-    mesh: TriangleMesh
-    distances: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class OrganFigures:
-    """Pictures of one organ, PNG files in memory.
-
-    Parameters
-    ----------
-    slices, sides, convergence : bytes
-    confidence, deviation : bytes, optional
-    """
-
-    slices: bytes
-    sides: bytes
-    convergence: bytes
-    confidence: bytes | None = None
-    deviation: bytes | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class ReportedOrgan:
-    """A fitted organ and what is told of it.
+class ComparedOrgan:
+    """A fitted organ, its reference, and how they compare.
 
     Parameters
     ----------
     name : str
+    surface : BSplineSurface
+        RAS mm.
+    read : ReadReference
+    path : Path
+        File of the reference.
+    comparison : Comparison
+    """
+
+    name: str
+    surface: BSplineSurface
+    read: ReadReference
+    path: Path
+    comparison: Comparison
+
+    @property
+    def against(self) -> str:
+        """What it was compared with, in words."""
+        return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
+
+    @property
+    def warnings(self) -> list[str]:
+        """What should be looked at before the numbers are used, a sentence each."""
+        found = list(self.read.notes)
+        if self.comparison.volume_dice < _DOUBTFUL_DICE:
+            found.append(
+                f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
+                "that both are of one organ in one image"
+                + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
+            )
+        return found
+
+    @cached_property
+    def mesh(self) -> TriangleMesh:
+        """Triangles of the surface."""
+        return fine_mesh(self.surface)
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """Of the triangles' points from the reference, mm, positive outside, (n,)."""
+        return distances_from(self.read.reference, self.mesh.points)
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedOrgan:
+    """A fitted organ and what is shown of it.
+
+    Parameters
+    ----------
+    name : str
+        Decides the colour, too.
     fit : OrganFit
-    figures : OrganFigures
     seeds : sequence of (r, a, s)
         RAS mm.
-    asked : sequence of str
-        Names of the options that the user gave; all others were chosen.
     seconds : float
         From the seeds to the surface.
+    asked : sequence of str
+        Names of the options that the user gave; all others were chosen.
     warnings : sequence of str
         What to look at before the surface is used, a sentence each.
-    percentiles : sequence of (percent, mm)
-        Standard deviations that shares of the area stay below.
-    compared : Compared, optional
+    compared : ComparedOrgan, optional
         If there is a reference.
     """
 
     name: str
     fit: OrganFit
-    figures: OrganFigures
-    seeds: Sequence[Point]
-    asked: Sequence[str]
-    seconds: float
+    seeds: Sequence[Sequence[float]] = ()
+    seconds: float = 0.0
+    asked: Sequence[str] = ()
     warnings: Sequence[str] = ()
-    percentiles: Sequence[tuple[float, float]] = ()
-    compared: Compared | None = None
+    compared: ComparedOrgan | None = None
 
-    @property
-    def choices(self) -> Sequence[Choice]:
-        """What was chosen, and why."""
-        return self.fit.choices
 
-    @property
-    def confidence(self) -> Confidence:
-        """How sure the surface is of its place."""
-        return self.fit.confidence
+def compared_organ(
+    name: str,
+    surface: BSplineSurface,
+    read: ReadReference,
+    path: Path,
+    *,
+    points: int = 10_000,
+    tolerances: Sequence[float] = TOLERANCES,
+) -> ComparedOrgan:
+    """Compare one organ with its reference.
+
+    Parameters
+    ----------
+    name : str
+    surface : BSplineSurface
+        RAS mm.
+    read : ReadReference
+    path : Path
+        File of the reference.
+    points : int
+        Number of points of each surface.
+    tolerances : sequence of float
+        Of the surface Dice, mm.
+
+    Returns
+    -------
+    ComparedOrgan
+
+    Raises
+    ------
+    ValueError
+        If they cannot be compared; the sentence names the organ and the file.
+    """
+    try:
+        found = compare(surface, read.reference, n_points=points, tolerances=tolerances)
+    except ValueError as error:
+        msg = f"{name} cannot be compared with {path}: {error}"
+        raise ValueError(msg) from error
+    return ComparedOrgan(name, surface, read, path, found)
+
+
+def fine_mesh(surface: BSplineSurface) -> TriangleMesh:
+    """Triangles of a surface that are small enough to look smooth, and within 0.05 mm of it."""
+    needed = resolution_for_chord_error(surface, _CHORD_ERROR)
+    u, v = (max(pair) for pair in zip(needed, _LEAST_RESOLUTION))
+    return triangulate(surface, resolution=(u, v))

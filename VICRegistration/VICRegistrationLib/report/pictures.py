@@ -1,164 +1,276 @@
-"""Pictures of fitted organs: slices with contours, a 3D view and the convergence. Needs matplotlib."""
+"""Whole pictures: an organ, all organs, a surface coloured by numbers, a mesh, the convergence. Need matplotlib."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from ..analysis.distances import Reference, deviation
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
-from ..organ_colours import organ_colours
+from ..meshing.elements import TetrahedralMesh, faces_of, flat_triangles
+from ..meshing.quality import quality
+from ..organ_colours import organ_colours, rgb
 from ..registration.nets import net_text
 from ..registration.organ import OrganFit
-from .canvas import TEXT_COLOUR, blank_figure, literal, save_figure
-from .panels import Shown, draw_convergence, draw_scene, draw_slices, fine_mesh
+from .contents import ComparedOrgan, ReportedOrgan, fine_mesh
+from .figure import axes_at, blank_figure, finish_axes, write_heading
+from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_numbers, draw_scene
+from .slices import Contour, Marks, draw_slices
 
-REFERENCE_COLOUR = "#49d6ff"
-_ALARM_COLOUR = "#c4161c"
-# Seen from the patient's left, from the front and from above: organs of the pelvis do not hide one another.
-VIEWERS = ((-0.80, 0.52, 0.30), (0.30, 0.90, 0.30))
-_ROW = (0.475, 0.40)
+# Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
+REFERENCE_COLOUR = "#2f5bff"
+_SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff4df0", "D")
+# As many as there are stages at most: of three nets, the coarser one kept, boundary points.
+_STAGE_COLOURS = (
+    *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
+    *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e", "#c77dba", "#3a3f47", "#e56b6f"),
+)
 
 
-def organ_picture(
-    path: str | os.PathLike,
-    image: Image,
-    fit: OrganFit,
-    name: str,
-    *,
-    reference: Reference | None = None,
-    n_warnings: int = 0,
-) -> None:
-    """Draw three slices with the contour, a 3D view and the convergence of one organ.
+def organ_figure(image: Image, organ: ReportedOrgan):
+    """Draw one organ for a file: slices in three planes, the surface, and the convergence.
 
     Parameters
     ----------
-    path : path
-        PNG file to write.
     image : Image
         The grey levels that were fitted.
-    fit : OrganFit
-    name : str
-        Name of the organ.
-    reference : BSplineSurface, TriangleMesh or ReferenceMesh, optional
-        Its contour is drawn too, and the deviation from it told.
-    n_warnings : int
-        How many warnings the report holds about the organ; told in the header.
-
-    Raises
-    ------
-    RuntimeError
-        If matplotlib is not installed.
-    OSError
-        If the file cannot be written.
-    """
-    colour = organ_colours([name])[name]
-    surfaces, contours = shown_organ(fit, colour, reference)
-    figure = _figure(name, _summary(fit, reference), alarm=alarm(fit, n_warnings=n_warnings))
-    # A surface that was fitted again may have no region.
-    region = None if fit.region is None else fit.region.image
-    draw_slices(figure, _ROW, image, surfaces, contours, region=region)
-    draw_scene(figure.add_axes((0.02, 0.01, 0.33, 0.445)), surfaces, VIEWERS[0])
-    draw_convergence(figure.add_axes((0.42, 0.095, 0.55, 0.315)), fit)
-    save_figure(figure, path)
-
-
-def overview_picture(
-    path: str | os.PathLike,
-    image: Image,
-    fits: Mapping[str, OrganFit],
-    *,
-    references: Mapping[str, Reference] | None = None,
-) -> None:
-    """Draw all organs in three slices and in 3D.
-
-    Parameters
-    ----------
-    path : path
-        PNG file to write.
-    image : Image
-        The grey levels that were fitted.
-    fits : mapping of str to OrganFit
-        By the organs' names.
-    references : mapping of str to BSplineSurface, TriangleMesh or ReferenceMesh, optional
-        By the organs' names; their contours are drawn too.
-
-    Raises
-    ------
-    RuntimeError
-        If matplotlib is not installed.
-    OSError
-        If the file cannot be written.
-    ValueError
-        If there are no organs.
-    """
-    if not fits:
-        msg = "No organ was given; an overview needs at least one."
-        raise ValueError(msg)
-    colours = organ_colours(list(fits))
-    surfaces = [Shown(fine_mesh(fit.surface), colours[name], name) for name, fit in fits.items()]
-    contours = list(surfaces)
-    for number, reference in enumerate((references or {}).values()):
-        contours.append(Shown(fine_mesh(reference), REFERENCE_COLOUR, "" if number else "reference", dashed=True))
-    volumes = ", ".join(f"{name} {fit.surface.volume() / 1000.0:.1f} ml" for name, fit in fits.items())
-    figure = _figure("Fitted organs", [volumes])
-    draw_slices(figure, _ROW, image, surfaces, contours)
-    for number, viewer in enumerate(VIEWERS):
-        draw_scene(figure.add_axes((0.02 + 0.49 * number, 0.01, 0.47, 0.445)), surfaces, viewer)
-    save_figure(figure, path)
-
-
-def shown_organ(fit: OrganFit, colour: str, reference: Reference | None) -> tuple[list[Shown], list[Shown]]:
-    """Surface of an organ, and the contours that slices of it show.
-
-    Parameters
-    ----------
-    fit : OrganFit
-    colour : str
-        As "#rrggbb".
-    reference : BSplineSurface, TriangleMesh or ReferenceMesh, optional
+    organ : ReportedOrgan
 
     Returns
     -------
-    surfaces, contours : list of Shown
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
     """
-    surfaces = [Shown(fine_mesh(fit.surface), colour, "fitted surface")]
-    if reference is None:
-        return surfaces, surfaces
-    return surfaces, [*surfaces, Shown(fine_mesh(reference), REFERENCE_COLOUR, "reference", dashed=True)]
-
-
-def _figure(title: str, lines: Sequence[str], *, alarm: str = ""):
-    figure = blank_figure((13.0, 9.6))
-    figure.text(0.02, 0.972, literal(title), size=19, weight="bold", color=TEXT_COLOUR, va="top")
-    figure.text(0.02, 0.937, literal("\n".join(lines)), size=10.5, color=TEXT_COLOUR, va="top", linespacing=1.45)
-    figure.text(0.98, 0.968, alarm, size=13, weight="bold", color=_ALARM_COLOUR, va="top", ha="right")
+    figure = blank_figure(13.0, 9.5)
+    write_heading(figure, organ.name, _summary(organ), alarm=alarm(organ))
+    shapes = _draw_organs(figure, 8.35, image, [organ])
+    draw_scene(axes_at(figure, 0.1, 0.05, 4.6, 3.5), shapes, USUAL)
+    draw_convergence(axes_at(figure, 5.6, 0.65, 4.6, 2.65), organ.fit)
     return figure
 
 
-def alarm(fit: OrganFit, *, n_warnings: int = 0) -> str:
-    """Tell in a few words what to look at before trusting a surface.
+def overview_figure(image: Image, organs: Sequence[ReportedOrgan]):
+    """Draw several organs for a file: slices in three planes, and the surfaces from two sides.
 
     Parameters
     ----------
-    fit : OrganFit
-    n_warnings : int
-        How many warnings the report holds.
+    image : Image
+        The grey levels that were fitted.
+    organs : sequence of ReportedOrgan
+        One or more.
 
     Returns
     -------
-    str
-        Empty if nothing is known to be wrong.
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
     """
+    figure = blank_figure(13.0, 9.5)
+    volumes = ", ".join(f"{organ.name} {organ.fit.surface.volume() / 1000.0:.1f} ml" for organ in organs)
+    write_heading(figure, "Fitted organs", [volumes])
+    _draw_pair(figure, 8.35, image, organs, (USUAL, FRONT))
+    return figure
+
+
+def page_overview(image: Image, organs: Sequence[ReportedOrgan]):
+    """Draw several organs for the page, which has words of its own."""
+    figure = blank_figure(11.0, 7.6)
+    _draw_pair(figure, 7.55, image, organs, (USUAL, FRONT))
+    return figure
+
+
+def page_figures(image: Image, organ: ReportedOrgan) -> dict:
+    """Draw one organ for the page.
+
+    Parameters
+    ----------
+    image : Image
+        The grey levels that were fitted.
+    organ : ReportedOrgan
+
+    Returns
+    -------
+    dict of str to matplotlib.figure.Figure
+        "organ", "confidence", "deviation" where there is a reference, and "convergence".
+    """
+    names = ["organ", "confidence", *([] if organ.compared is None else ["deviation"])]
+    figures = {name: blank_figure(11.0, 7.6 if name == "organ" else 5.3) for name in names}
+    _draw_pair(figures["organ"], 7.55, image, [organ], (USUAL, OPPOSITE))
+    mesh, confidence = fine_mesh(organ.fit.surface), organ.fit.confidence
+    draw_numbers(figures["confidence"], mesh, confidence.standard_deviation(mesh.parameters), CONFIDENCE)
+    if organ.compared is not None:
+        _draw_deviation(figures["deviation"], organ.compared)
+    figures["convergence"] = blank_figure(11.0, 3.4)
+    draw_convergence(axes_at(figures["convergence"], 0.9, 0.6, 7.0, 2.4), organ.fit)
+    return figures
+
+
+def deviation_figure(compared: ComparedOrgan):
+    """Draw a comparison for a file: the surface coloured by its deviation (figure 18 of the paper), and the numbers.
+
+    Parameters
+    ----------
+    compared : ComparedOrgan
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    """
+    found = compared.comparison
+    dice = ", ".join(f"{share:.3f} at {tolerance:g} mm" for tolerance, share in found.surface_dice)
+    lines = [
+        f"compared with {compared.against}: volume {found.volume_ml:.1f} ml, reference {found.reference_ml:.1f} ml",
+        f"reference to surface: {found.to_surface.sentence()}",
+        f"surface to reference: {found.to_reference.sentence()}",
+        f"volume Dice {found.volume_dice:.3f}; surface Dice {dice}",
+    ]
+    figure = blank_figure(13.0, 7.1)
+    write_heading(figure, compared.name, lines)
+    _draw_deviation(figure, compared)
+    return figure
+
+
+def mesh_figure(mesh: TetrahedralMesh, name: str):
+    """Draw a mesh for a file: its surfaces, and the half of it behind a cut through its middle.
+
+    Parameters
+    ----------
+    mesh : TetrahedralMesh
+    name : str
+        Title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    """
+    found = quality(mesh)
+    line = (
+        f"{len(mesh.tetrahedra)} {('linear', 'second-order')[mesh.order - 1]} tetrahedra   \u00b7   "
+        f"{len(mesh.points)} nodes   \u00b7   {found.inverted} inverted   \u00b7   "
+        f"scaled Jacobian: min {found.scaled_jacobian_min:.2f}, mean {found.scaled_jacobian_mean:.2f}   \u00b7   "
+        f"volume {100.0 * (found.volume_ratio - 1.0):+.2f} % of the exact solids"
+    )
+    figure = blank_figure(12.0, 7.0)
+    write_heading(figure, name, [line])
+    colours = _colours_of_groups(mesh)
+    middles = mesh.points[mesh.tetrahedra[:, :4]].mean(axis=1)
+    # The cut leaves the patient's right half.
+    half = np.flatnonzero(middles[:, 0] >= np.median(middles[:, 0]))
+    for left, chosen in ((0.1, np.arange(len(mesh.tetrahedra))), (6.1, half)):
+        faces, first, second = faces_of(mesh.tetrahedra[chosen])
+        outside = second < 0
+        triangles = flat_triangles(faces[outside])
+        each = np.repeat(colours[chosen[first[outside]]], len(triangles) // max(int(outside.sum()), 1), axis=0)
+        draw_scene(axes_at(figure, left, 0.1, 5.8, 5.9), [Shape(mesh.points, triangles, each)], USUAL)
+    return figure
+
+
+def _colours_of_groups(mesh: TetrahedralMesh) -> np.ndarray:
+    """Colour of every tetrahedron: that of its organ, (m, 3)."""
+    organs = {group: group[: -len("_wall")] if group.endswith("_wall") else group for group in mesh.tetrahedron_groups}
+    of_organ = organ_colours(list(organs.values()))
+    colours = np.zeros((len(mesh.tetrahedra), 3))
+    for group, rows in mesh.tetrahedron_groups.items():
+        colours[rows] = rgb(of_organ[organs[group]])
+    return colours
+
+
+def _draw_deviation(figure, compared: ComparedOrgan) -> None:
+    draw_numbers(figure, compared.mesh, compared.distances, DEVIATION, other=compared.comparison.signed_to_surface)
+
+
+def _draw_pair(figure, top: float, image: Image, organs: Sequence[ReportedOrgan], viewpoints) -> None:
+    """Slices, and the surfaces from two sides below them."""
+    shapes = _draw_organs(figure, top, image, organs)
+    width = figure.get_size_inches()[0] / 2.0
+    height = top - (2.0 * width - 0.4) / 3.0 - 0.5
+    for number, viewpoint in enumerate(viewpoints):
+        draw_scene(axes_at(figure, number * width, 0.05, width, height), shapes, viewpoint)
+
+
+def _draw_organs(figure, top: float, image: Image, organs: Sequence[ReportedOrgan]) -> list[Shape]:
+    """Slices with the contours of organs, their references and points; returns the surfaces to draw in 3D."""
+    colours = organ_colours([organ.name for organ in organs])
+    contours, shapes = [], []
+    for organ in organs:
+        mesh, colour = fine_mesh(organ.fit.surface), colours[organ.name]
+        contours.append(Contour(mesh, colour, "fitted surface" if len(organs) == 1 else organ.name))
+        shapes.append(Shape(mesh.points, mesh.triangles, np.array(rgb(colour)), mesh.normals))
+    references = [organ.compared.read.reference for organ in organs if organ.compared is not None]
+    for number, reference in enumerate(references):
+        mesh = fine_mesh(reference) if isinstance(reference, BSplineSurface) else reference
+        contours.append(Contour(mesh, REFERENCE_COLOUR, "" if number else "reference", thin=True))
+    marks = [
+        Marks([point for points in kind for point in points], *style)
+        for kind, style in (
+            ([organ.seeds for organ in organs], _SEED_STYLE),
+            ([organ.fit.boundary_points for organ in organs], _BOUNDARY_STYLE),
+        )
+    ]
+    # A surface that was fitted again may have no region.
+    region = organs[0].fit.region if len(organs) == 1 else None
+    draw_slices(figure, top, image, contours, marks=marks, region=None if region is None else region.image)
+    return shapes
+
+
+def draw_convergence(axes, fit: OrganFit) -> None:
+    """Draw the cost against the iteration, stage by stage, with the stages' names beside the plot.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With room for the names, 2.6 inches, on its right.
+    fit : OrganFit
+    """
+    stages = list(dict.fromkeys(step.stage for step in fit.history))
+    first = 1
+    for number, stage in enumerate(stages):
+        costs = np.array([step.cost for step in fit.history if step.stage == stage])
+        iterations = np.arange(first, first + len(costs))
+        first += len(costs)
+        style = {"color": _STAGE_COLOURS[number % len(_STAGE_COLOURS)], "linewidth": 1.8, "marker": "o"}
+        axes.semilogy(iterations, costs, markersize=3.2, label=f"{stage} ({len(costs)})", **style)
+        if number:
+            axes.axvline(iterations[0] - 0.5, color="#c9ced6", linewidth=0.9, zorder=0)
+    axes.margins(x=0.02)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    title = "Convergence: each stage has an image, a cost and a unit of its own"
+    finish_axes(axes, x="iteration", y="cost (mean squared residual / contrast²)", title=title)
+    names = {"title": "stage (iterations)", "fontsize": 8.5, "title_fontsize": 8.5, "frameon": False}
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, **names)
+
+
+def alarm(organ: ReportedOrgan) -> str:
+    """Say in a few words what to look at before trusting a surface; empty if nothing is known to be wrong."""
+    fit, count = organ.fit, len(organ.warnings)
     parts = [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
     parts += ["reaches the border of the image"] if fit.region is not None and fit.region.touches_border else []
-    parts += [f"{n_warnings} warning{'s' if n_warnings > 1 else ''} in the report"] if n_warnings else []
-    return "   ·   ".join(parts)
+    parts += [f"{count} warning{'s' if count > 1 else ''} in the report"] if count else []
+    return "   \u00b7   ".join(parts)
 
 
-def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
-    """Tell the result in one line or two."""
+def _summary(organ: ReportedOrgan) -> list[str]:
+    """Say the result in one line or two."""
+    fit = organ.fit
     separated = "" if fit.region is None else f" (separated {fit.region.volume_ml:.1f} ml)"
     parts = [
         f"volume {fit.surface.volume() / 1000.0:.1f} ml{separated}",
@@ -167,11 +279,7 @@ def _summary(fit: OrganFit, reference: Reference | None) -> list[str]:
         f"{fit.iterations} iterations" + (", converged" if fit.converged else ""),
         f"fitted in {fit.seconds:.2f} s",
     ]
-    lines = ["   ·   ".join(parts)]
-    if reference is not None:
-        found = deviation(fit.surface, reference)
-        lines.append(
-            f"deviation from the reference: mean {found.mean:.2f} mm, signed {found.mean_signed:+.2f} mm, "
-            f"95 % below {found.p95:.2f} mm, largest {found.maximum:.2f} mm"
-        )
+    lines = ["   \u00b7   ".join(parts)]
+    if organ.compared is not None:
+        lines.append(f"deviation from the reference: {organ.compared.comparison.to_surface.sentence()}")
     return lines

@@ -13,13 +13,11 @@ from ..geometry.triangulation import triangulate
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.stages import Step
-from ..report.canvas import bare, blank_figure, save_figure
-from ..report.slicing import SAGITTAL, View, cut, slice_of
+from ..report.figure import TEXT_COLOUR, blank_figure, finish_axes, save_figure
+from ..report.slices import SAGITTAL, View, cut, slice_of
 from . import one_dimensional
 from .prototypical import BELL_MM, IMAGE_MM, TESTS, PrototypicalTest
 
-_TEXT = "#2b2f36"
-_FAINT = "#c9ced6"
 _START, _END = "#ff9a3c", "#35c6ff"
 _COLOURS = ("#d1495b", "#2a9d8f", "#4d7fb8", "#e39b28", "#7d5ba6", "#6b7280", "#a3572c", "#c45bb0", "#5d8a1f")
 _LINES = ("-", (0, (4, 2)), (0, (1, 1.5)))
@@ -64,11 +62,11 @@ def convergence_plot(path: str | os.PathLike, test: PrototypicalTest, histories:
     OSError
         If the file cannot be written.
     """
-    figure = blank_figure((12.0, 4.9))
+    figure = blank_figure(12.0, 4.9)
     cost_axes, axes = figure.add_axes((0.07, 0.125, 0.38, 0.75)), figure.add_axes((0.53, 0.125, 0.33, 0.75))
     for (size, history), line in zip(histories.items(), _LINES):
         _draw_costs(cost_axes, history, line, with_labels=line == _LINES[0])
-        cost_axes.plot([], [], color=_TEXT, linestyle=line, linewidth=1.6, label=f"{size}³ voxels")
+        cost_axes.plot([], [], color=TEXT_COLOUR, linestyle=line, linewidth=1.6, label=f"{size}³ voxels")
         values = parameters(test, history)
         for number, column in enumerate(values.T):
             colour = _COLOURS[number % len(_COLOURS)]
@@ -78,8 +76,8 @@ def convergence_plot(path: str | os.PathLike, test: PrototypicalTest, histories:
         axes.axhline(target, color=colour, linewidth=0.8, alpha=0.45, zorder=0)
         axes.plot([], [], color=colour, linewidth=2.2, label=f"{name}  → {target:.3f}")
     unit = " (mm)" if test.free[0].startswith("T") else ""
-    _finish_axes(cost_axes, "iteration", "cost (mean squared residual)", f"{test.name}: cost, stage by stage")
-    _finish_axes(axes, "iteration", f"free parameters{unit}", f"{test.name}: parameters")
+    finish_axes(cost_axes, x="iteration", y="cost (mean squared residual)", title=f"{test.name}: cost, stage by stage")
+    finish_axes(axes, x="iteration", y=f"free parameters{unit}", title=f"{test.name}: parameters")
     for either in (cost_axes, axes):
         either.xaxis.get_major_locator().set_params(integer=True)
     cost_axes.legend(frameon=False, fontsize=9)
@@ -106,7 +104,7 @@ def one_dimensional_plot(path: str | os.PathLike, pixels: np.ndarray, shift: flo
     OSError
         If the file cannot be written.
     """
-    figure = blank_figure((12.0, 4.9))
+    figure = blank_figure(12.0, 4.9)
     row, axes = figure.add_axes((0.06, 0.125, 0.41, 0.75)), figure.add_axes((0.565, 0.125, 0.41, 0.75))
     profile, last = one_dimensional.PROFILE, len(pixels) - 1.0
     positions = np.linspace(0.0, last, 500)
@@ -128,8 +126,8 @@ def one_dimensional_plot(path: str | os.PathLike, pixels: np.ndarray, shift: flo
     axes.plot([shift], lowest, color="#d1495b", linestyle="none", marker="o", label=f"minimum found, {shift:.4f}")
     axes.legend(frameon=False, fontsize=9.5)
     levels = f"A_max {profile.inside:g}, A_min {profile.outside:g}, tau {profile.width:g}"
-    _finish_axes(row, "position (pixels)", "grey level", f"Row of pixels and profile: {levels}")
-    _finish_axes(axes, "shift (pixels)", "cost (equation 4)", "Cost of the shifted profile")
+    finish_axes(row, x="position (pixels)", y="grey level", title=f"Row of pixels and profile: {levels}")
+    finish_axes(axes, x="shift (pixels)", y="cost (equation 4)", title="Cost of the shifted profile")
     save_figure(figure, path)
 
 
@@ -152,7 +150,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
     OSError
         If the file cannot be written.
     """
-    figure = blank_figure((12.6, 4.9))
+    figure = blank_figure(12.6, 4.9)
     view = View(SAGITTAL, np.zeros(3), 0.62 * IMAGE_MM)
     grey = slice_of(Sampler(image), view)
     tests = [test for test in TESTS if test.name in histories]
@@ -166,9 +164,9 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
                 axes.plot(*line.T, color=colour, linewidth=width)
         left, right, bottom, top = view.extent
         axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
-        axes.set_title(test.name, size=11, loc="left", color=_TEXT)
+        axes.set_title(test.name, size=11, loc="left", color=TEXT_COLOUR)
     note = f"Plane in the middle of the image, {2 * view.half_width:g} mm wide; A is to the left, S up. "
-    figure.text(0.015, 0.035, note, size=10, color=_TEXT)
+    figure.text(0.015, 0.035, note, size=10, color=TEXT_COLOUR)
     figure.text(0.58, 0.035, "start model", size=10.5, color="#c96a12", weight="bold")
     figure.text(0.69, 0.035, "found surface", size=10.5, color="#0f86b8", weight="bold")
     save_figure(figure, path)
@@ -184,14 +182,3 @@ def _draw_costs(axes, history: Sequence[Step], line, *, with_labels: bool) -> No
         first += len(costs)
         style = {"linestyle": line, "linewidth": 1.6, "marker": "o", "markersize": 2.6}
         axes.semilogy(iterations, costs, color=_COLOURS[number], label=stage if with_labels else None, **style)
-
-
-def _finish_axes(axes, x: str, y: str, title: str) -> None:
-    axes.set_xlabel(x, color=_TEXT)
-    axes.set_ylabel(y, color=_TEXT)
-    axes.set_title(title, size=11, loc="left", color=_TEXT)
-    axes.grid(color="#e7eaee", linewidth=0.7)
-    axes.set_axisbelow(True)
-    bare(axes)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(_FAINT)

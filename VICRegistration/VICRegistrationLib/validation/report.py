@@ -15,7 +15,7 @@ import numpy as np
 from ..files import replacing
 from ..imaging.image import Image
 from ..registration.stages import Step
-from ..report.canvas import require_matplotlib
+from ..report.figure import require_packages
 from . import one_dimensional, plots
 from .prototypical import (
     BELL_MM,
@@ -100,7 +100,7 @@ def reproduce(
     OSError
         If a file cannot be written.
     """
-    require_matplotlib(otherwise="")
+    require_packages("matplotlib", otherwise="")
     say = say or (lambda line: None)
     directory = Path(directory)
     runs = []

@@ -1,0 +1,69 @@
+"""Draw the pictures of the demo that README and the pages show: overview, one organ, deviation, mesh, and the report.
+
+Needs what the demo needs, and Chromium for the report's picture.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from VICRegistrationLib import cli, demo
+
+FOLDER = Path(__file__).resolve().parent
+WIDTH = 1200
+LANCZOS = Image.Resampling.LANCZOS
+# Of the report as a browser shows it: its width, and where three parts of it begin, each as high as the last number.
+PAGE_WIDTH, PARTS, PART_HEIGHT = 1000, (0, 1440, 2655), 1200
+
+
+def main() -> None:
+    """Run the demo in a folder that goes, and write the pictures into Resources."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        demo.run_demo(folder)
+        organs = folder / "organs"
+        truth = folder / "phantom" / "truth" / "bladder.json"
+        cli.main(["compare", str(organs / "bladder.json"), str(truth), "--output", str(folder / "compared")])
+        for name, path in (
+            ("demo_overview", organs / "overview.png"),
+            ("demo_rectum", organs / "rectum.png"),
+            ("demo_deviation", folder / "compared" / "bladder_deviation.png"),
+            ("demo_mesh", folder / "mesh" / "organs.png"),
+        ):
+            write_small(Image.open(path), name)
+        browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+        if browser is None:
+            sys.exit("report.png is not drawn: that needs Chromium.")
+        write_small(page_parts(browser, organs / "report.html", folder / "page.png"), "report")
+
+
+def page_parts(browser: str, page: Path, picture: Path) -> Image.Image:
+    """Parts of a page as a browser shows it, side by side on grey."""
+    size = f"--window-size={PAGE_WIDTH},{PARTS[-1] + PART_HEIGHT}"
+    how = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", size, f"--screenshot={picture}"]
+    subprocess.run([browser, *how, page.as_uri()], check=True, capture_output=True)
+    whole, gap = Image.open(picture).convert("RGB"), 24
+    parts = Image.new("RGB", (len(PARTS) * (PAGE_WIDTH + gap) + gap, PART_HEIGHT + 2 * gap), "#c9ced6")
+    for number, top in enumerate(PARTS):
+        part = whole.crop((0, top, PAGE_WIDTH, top + PART_HEIGHT))
+        parts.paste(part, (gap + number * (PAGE_WIDTH + gap), gap))
+    return parts
+
+
+def write_small(picture: Image.Image, name: str) -> None:
+    """Write a picture with fewer pixels and 256 colours, which neighbouring pixels mix so that shading stays smooth."""
+    small = picture.convert("RGB").resize((WIDTH, round(picture.height * WIDTH / picture.width)), LANCZOS)
+    palette = small.quantize(256, method=Image.Quantize.MAXCOVERAGE)
+    path = FOLDER / f"{name}.png"
+    small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+    print(f"{path}: {path.stat().st_size // 1000} kB")
+
+
+if __name__ == "__main__":
+    main()
