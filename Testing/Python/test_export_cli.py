@@ -89,6 +89,16 @@ def test_organs_have_the_colours_of_pictures(bladder, rectum):
     assert solids[1].color != solids[0].color
 
 
+def test_the_report_of_a_fit_is_left_out_with_a_word(bladder, out, tmp_path, capsys):
+    (tmp_path / "report.json").write_text('{"schema": "vic-registration/report"}')
+    assert export(bladder, tmp_path / "report.json", "--step", out / "a.step") == 0
+    assert products(out / "a.step") == ["bladder"]
+    assert "report.json is the report of a fit and holds no surface; it is left out" in capsys.readouterr().err
+    assert export(tmp_path / "report.json", "--step", out / "b.step") == 2
+    assert "report.json holds no surface; give the organ's file" in capsys.readouterr().err.splitlines()[-1]
+    assert names(out) == ["a.step"]
+
+
 def test_a_surface_without_a_name_has_that_of_its_file(tmp_path, out):
     write_surface(organ(), tmp_path / "uterus.json")
     assert export(tmp_path / "uterus.json", "--step", out / "a.step") == 0

@@ -13,9 +13,12 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
 from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
+from .console import speaker
 
 # Files of the same organs that hold triangles or solids.
 _OTHERS = (".stl", ".ply", ".step", ".stp")
+# A fit writes it beside its surfaces, so that organs/*.json names it too; no organ can have its name.
+_REPORT = "report.json"
 
 
 def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
@@ -24,7 +27,8 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     Parameters
     ----------
     paths : sequence of path
-        Files .json or .vtp as the program writes them. A surface without a name gets that of its file.
+        Files .json or .vtp as the program writes them. A surface without a name gets that of its file. A fit's
+        report.json is left out, which is told on stderr.
 
     Returns
     -------
@@ -35,13 +39,17 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     OSError
         If a file cannot be read.
     ValueError
-        If a file holds no surface, or two surfaces have one name (upper and lower case are one, as in files).
+        If there is no file but a report, a file holds no surface, or two surfaces have one name (upper and lower case
+        are one, as in files).
     """
     for folder in dict.fromkeys(Path(path).parent for path in paths):
         recover(folder)
     surfaces: dict[str, BSplineSurface] = {}
     read: dict[str, Path] = {}
     for path in map(Path, paths):
+        if path.name == _REPORT:
+            speaker()(f"{path} is the report of a fit and holds no surface; it is left out")
+            continue
         if path.suffix.lower() in _OTHERS:
             msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
             raise ValueError(msg)
@@ -52,6 +60,9 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
             msg = f"{before} and {path} both hold a surface named {name!r}; give the surfaces of different organs."
             raise ValueError(msg)
         surfaces[name] = record.surface
+    if not surfaces:
+        msg = f"{_REPORT} holds no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them."
+        raise ValueError(msg)
     return colored_solids(surfaces)
 
 
