@@ -19,7 +19,7 @@ from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.meshing import process
 from VICRegistrationLib.meshing.organ_meshes import mesh_organs
-from VICRegistrationLib.meshing.process import MeshingCancelled, MeshingError, run_worker
+from VICRegistrationLib.meshing.process import MeshingError, run_worker
 
 HEAD = """
 import os, signal, sys, time
@@ -106,14 +106,20 @@ def test_the_worker_finds_its_job_and_files_and_a_good_result_comes_back_with_pr
     assert "half" in told
 
 
-def test_work_can_be_cancelled_and_leaves_no_process(module, tmp_path):
-    started = tmp_path / "pid"
-    body = f"Path(r'{started}').write_text(str(os.getpid())); time.sleep(600)"
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, RuntimeError])
+def test_what_ends_the_work_ends_the_process(module, tmp_path, reason):
+    """Ctrl-C, a signal that a command takes for one, or an error."""
+    pid = tmp_path / "pid"
+    body = f"Path(r'{pid}').write_text(str(os.getpid())); place.progress('half'); time.sleep(600)"
     stub = module("stub_worker", WORKER.format(body=body))
-    with pytest.raises(MeshingCancelled, match="cancelled"):
-        run_worker(stub, {}, {}, cancelled=lambda: started.exists() and bool(started.read_text()))
+
+    def interrupted(line):
+        raise reason
+
+    with pytest.raises(reason):
+        run_worker(stub, {}, {}, on_progress=lambda line: line and interrupted(line))
     if sys.platform == "linux":
-        assert not Path("/proc", started.read_text()).exists()
+        assert not Path("/proc", pid.read_text()).exists()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")

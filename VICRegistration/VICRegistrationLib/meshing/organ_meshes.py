@@ -29,11 +29,7 @@ MOST_TETRAHEDRA = 10_000_000
 
 
 def mesh_organs(
-    solids: Sequence[Solid],
-    options: MeshOptions | None = None,
-    *,
-    on_progress: Callable[[str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    solids: Sequence[Solid], options: MeshOptions | None = None, *, on_progress: Callable[[str], None] | None = None
 ) -> TetrahedralMesh:
     """Mesh one or several organs.
 
@@ -44,9 +40,7 @@ def mesh_organs(
         the mesh has common nodes.
     options : MeshOptions, optional
     on_progress : callable, optional
-        Told in one line what is being done.
-    cancelled : callable, optional
-        Asked some times a second whether to stop.
+        Told in one line what is being done. If it raises, gmsh is ended.
 
     Returns
     -------
@@ -58,7 +52,7 @@ def mesh_organs(
         If a surface is no valid solid, with the place; or the wall would pass through itself.
     MeshingError
         With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that
-        is wrong. :class:`.process.MeshingCancelled` if it was cancelled.
+        is wrong.
     """
     options = options or MeshOptions()
     say = on_progress or (lambda line: None)
@@ -66,7 +60,7 @@ def mesh_organs(
     say("checking the surfaces")
     regions = regions_of(solids, options)
     _refuse_too_many(regions, options)
-    attempts = _Attempts(regions, options, time.monotonic() + options.time_limit, say, cancelled)
+    attempts = _Attempts(regions, options, time.monotonic() + options.time_limit, say)
     scale = 1.0
     for last in (False,) * (_TRIES - 1) + (True,):
         draft = attempts.mesh(scale)
@@ -149,7 +143,6 @@ class _Attempts:
     options: MeshOptions
     end: float
     say: Callable[[str], None]
-    cancelled: Callable[[], bool] | None
 
     def mesh(self, scale: float) -> _Draft:
         """Mesh with so much smaller elements where the surface is curved."""
@@ -177,9 +170,7 @@ class _Attempts:
             job, files = job_files(self.regions, self.options, scale=scale, faces=faces, least_quality=LEAST_QUALITY)
             left = max(self.end - time.monotonic(), 0.0)
             try:
-                return run_worker(
-                    GMSH_WORKER, job, files, time_limit=share * left, on_progress=self.say, cancelled=self.cancelled
-                )
+                return run_worker(GMSH_WORKER, job, files, time_limit=share * left, on_progress=self.say)
             except MesherBroke as error:
                 broken = error
         if time.monotonic() >= self.end:

@@ -48,10 +48,6 @@ class MesherBroke(MeshingError):
     """gmsh crashed, hung or returned nothing: something else may work."""
 
 
-class MeshingCancelled(MeshingError):
-    """The work was cancelled from outside."""
-
-
 def require_gmsh() -> None:
     """Refuse to go on without gmsh.
 
@@ -86,9 +82,8 @@ def run_worker(
     *,
     time_limit: float = math.inf,
     on_progress: Callable[[str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
 ) -> Result:
-    """Run a module as a process and read its result.
+    """Run a module as a process and read its result; whatever ends this function ends the process.
 
     Parameters
     ----------
@@ -101,9 +96,7 @@ def run_worker(
     time_limit : float
         Seconds after which it is ended; no limit if not given.
     on_progress : callable, optional
-        Told what the worker is doing.
-    cancelled : callable, optional
-        Asked some times a second whether to stop.
+        Told what the worker is doing. If it raises, the work is over.
 
     Returns
     -------
@@ -113,8 +106,6 @@ def run_worker(
     ------
     MeshingError
         With one sentence: the worker complained; or crashed, took too long or returned nothing (:class:`MesherBroke`).
-    MeshingCancelled
-        If `cancelled` said so.
     OSError
         If temporary files cannot be written.
     """
@@ -129,7 +120,7 @@ def run_worker(
                 "folder on another one by the environment variable TMPDIR."
             )
             raise OSError(msg) from error
-        code = _run(module, folder, time_limit, on_progress, cancelled)
+        code = _run(module, folder, time_limit, on_progress)
         return _result(folder, code)
 
 
@@ -141,7 +132,7 @@ def _encoded(content: str | bytes | Mapping[str, np.ndarray]) -> bytes:
     return content.encode("utf-8") if isinstance(content, str) else content
 
 
-def _run(module: str, folder: Path, time_limit: float, on_progress, cancelled) -> int:
+def _run(module: str, folder: Path, time_limit: float, on_progress) -> int:
     """Start the process and watch it until it ends; returns its exit code."""
     paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
@@ -155,7 +146,7 @@ def _run(module: str, folder: Path, time_limit: float, on_progress, cancelled) -
             stderr=subprocess.STDOUT,
         )
         try:
-            return _watched(process, folder, time_limit, on_progress, cancelled)
+            return _watched(process, folder, time_limit, on_progress)
         finally:
             # Whatever ends the watch (Ctrl-C too), nothing is left running.
             if process.poll() is None:
@@ -163,16 +154,13 @@ def _run(module: str, folder: Path, time_limit: float, on_progress, cancelled) -
             process.wait()
 
 
-def _watched(process, folder: Path, time_limit: float, on_progress, cancelled) -> int:
+def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
     end, told = time.monotonic() + time_limit, ""
     while True:
         try:
             return process.wait(_LOOK)
         except subprocess.TimeoutExpired:
             pass
-        if cancelled is not None and cancelled():
-            msg = "gmsh was cancelled; nothing was written."
-            raise MeshingCancelled(msg)
         if time.monotonic() > end:
             msg = (
                 f"gmsh was not done after {time_limit:g} s and was ended; choose larger elements or a longer time "
