@@ -7,75 +7,44 @@ programs share the machine.
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 # Threads of linear algebra on cores that other programs use too would be measured instead of the work: matrices are
 # small here, and waiting for a busy core takes many times longer than they do. To be set before numpy is imported,
 # which is why the cases are imported late.
 THREADS = "OMP_NUM_THREADS"
 
-TITLES = {
-    "accuracy": "Surfaces against truth and experts: fitted, smoothed triangles, the paper",
-    "experts": "One click in real MRI",
-    "nets": "Control nets of different sizes",
-    "robustness": "Seeds and grey levels moved at random",
-    "confidence": "Errors against the standard deviations that fits tell",
-    "tubes": "Long, bent organs",
-    "shapes": "Organs of random shape",
-    "hippocampus": "Hippocampi in brain MRI, started from a box",
-    "surface": "From a separated region to a surface",
-    "separation": "Separating an organ in a large volume",
-    "growth": "Growth of the local fit",
-    "sampling": "Sampling grey levels",
-    "boundary": "Boundary points",
-    "preview": "The preview in Slicer",
-    "meshes": "Meshes of tetrahedra",
+# What there is to measure: the module and its function, and the title of the report.
+BENCHMARKS = {
+    "accuracy": ("accuracy.report", "Surfaces against truth and experts: fitted, smoothed triangles, the paper"),
+    "experts": ("experts.report", "One click in real MRI"),
+    "nets": ("nets.report", "Control nets of different sizes"),
+    "robustness": ("robustness.report", "Seeds and grey levels moved at random"),
+    "confidence": ("confidence.report", "Errors against the standard deviations that fits tell"),
+    "tubes": ("tubes.report", "Long, bent organs"),
+    "shapes": ("random_organs.report", "Organs of random shape"),
+    "hippocampus": ("hippocampus.report", "Hippocampi in brain MRI, started from a box"),
+    "surface": ("surfaces.report", "From a separated region to a surface"),
+    "separation": ("volumes.separation_report", "Separating an organ in a large volume"),
+    "growth": ("growth.report", "Growth of the local fit"),
+    "sampling": ("volumes.sampling_report", "Sampling grey levels"),
+    "boundary": ("boundaries.report", "Boundary points"),
+    "preview": ("previews.report", "The preview in Slicer"),
+    "meshes": ("meshes.report", "Meshes of tetrahedra"),
 }
-
-
 # Left out unless asked for.
 LONG = ("confidence", "meshes")
 
 
-def reports() -> dict[str, Callable[..., str]]:
-    """Functions that measure a case and tell about it."""
-    import accuracy
-    import boundaries
-    import confidence
-    import experts
-    import growth
-    import hippocampus
-    import meshes
-    import nets
-    import previews
-    import random_organs
-    import robustness
-    import surfaces
-    import tubes
-    import volumes
-
-    functions = {
-        "accuracy": accuracy.report,
-        "experts": experts.report,
-        "nets": nets.report,
-        "robustness": robustness.report,
-        "confidence": confidence.report,
-        "tubes": tubes.report,
-        "shapes": random_organs.report,
-        "hippocampus": hippocampus.report,
-        "surface": surfaces.report,
-        "separation": volumes.separation_report,
-        "growth": growth.report,
-        "sampling": volumes.sampling_report,
-        "boundary": boundaries.report,
-        "preview": previews.report,
-        "meshes": meshes.report,
-    }
-    return {name: functions[name] for name in TITLES}
+def report(name: str, *, quick: bool) -> str:
+    """Measure a case and tell about it; its module is imported here, after the threads are set."""
+    module, _, function = BENCHMARKS[name][0].partition(".")
+    return getattr(importlib.import_module(module), function)(quick=quick)
 
 
 def machine() -> str:
@@ -106,15 +75,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--all", action="store_true", help="also what takes a quarter of an hour or more: " + ", ".join(LONG)
     )
-    parser.add_argument("--only", metavar="NAME", choices=tuple(TITLES), help=f"one of {', '.join(TITLES)}")
+    parser.add_argument("--only", metavar="NAME", choices=tuple(BENCHMARKS), help=f"one of {', '.join(BENCHMARKS)}")
     options = parser.parse_args(arguments)
     os.environ.setdefault(THREADS, "1")
     print(f"Benchmark of VICRegistration\n{machine()}", flush=True)
-    for name, report in reports().items():
+    for name, (_, title) in BENCHMARKS.items():
         if name == options.only or (options.only is None and (options.all or options.quick or name not in LONG)):
             start = time.perf_counter()
-            text = report(quick=options.quick)
-            print(f"\n{TITLES[name]} ({name}, {time.perf_counter() - start:.0f} s)\n\n{text}", flush=True)
+            text = report(name, quick=options.quick)
+            print(f"\n{title} ({name}, {time.perf_counter() - start:.0f} s)\n\n{text}", flush=True)
     return 0
 
 
