@@ -33,9 +33,9 @@ def pair():
 
 
 @pytest.mark.parametrize("faces", [1, 4])
-@pytest.mark.parametrize("assembly", [False, True])
-def test_every_reference_leads_to_an_instance_and_no_shape_is_left_over(pair, faces, assembly):
-    found = instances(step_text(pair, faces=faces, assembly=assembly))
+@pytest.mark.parametrize("number", [1, 2])
+def test_every_reference_leads_to_an_instance_and_no_shape_is_left_over(pair, faces, number):
+    found = instances(step_text(pair[:number], faces=faces))
     assert list(found) == [f"#{number}" for number in range(1, len(found) + 1)]
     used = {reference for value in found.values() for reference in re.findall(r"#\d+", QUOTED.sub("", value))}
     assert used <= set(found)
@@ -51,10 +51,10 @@ def test_every_reference_leads_to_an_instance_and_no_shape_is_left_over(pair, fa
 
 
 def test_the_file_says_what_it_holds(pair):
-    text = step_text(pair, timestamp="2026-01-02T03:04:05")
+    text = step_text(pair)
     assert text.startswith("ISO-10303-21;\nHEADER;\n")
     assert text.endswith("ENDSEC;\nEND-ISO-10303-21;\n")
-    for words in ("left, right", "LPS mm", "'2026-01-02T03:04:05'", "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"):
+    for words in ("left, right", "LPS mm", "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"):
         assert words in text
     found = list(instances(text).values())
     assert found.count("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))") == 1

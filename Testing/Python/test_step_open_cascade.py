@@ -141,19 +141,3 @@ def test_the_unit_is_the_millimetre(tmp_path):
         Interface_Static.SetCVal_s("xstep.cascade.unit", before)
     (face,) = occ.faces(shape)
     np.testing.assert_allclose(occ.patch(face).poles * 1000.0, organ().control_net[:-1] * RAS_TO_LPS, rtol=1e-14)
-
-
-def test_solids_of_one_product_share_it(tmp_path):
-    organs = pelvic_organs()
-    write_step([Solid(name, surface) for name, surface in organs.items()], tmp_path / "a.step", assembly=False)
-    shape = occ.read(tmp_path / "a.step")
-    assert [occ.volume(solid) for solid in occ.solids(shape)] == [
-        pytest.approx(surface.volume(), rel=1e-6) for surface in organs.values()
-    ]
-    assert occ.parts(tmp_path / "a.step")[0].name == "organs"
-
-
-def test_one_organ_can_be_an_assembly(tmp_path):
-    write_step([Solid("bladder", organ())], tmp_path / "a.step", assembly=True)
-    assembly, part = occ.parts(tmp_path / "a.step")
-    assert (assembly.name, assembly.components, part.name) == ("organs", ("bladder",), "bladder")

@@ -20,7 +20,7 @@ ASSEMBLY_NAME = "organs"
 _SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
 # Points closer than this are one point to the reader, mm.
 _ACCURACY_MM = 1e-6
-# The standard wants a time; without one of the caller's the same organs give the same file.
+# The standard wants a time; with this one the same organs give the same file.
 _NO_TIME = "1970-01-01T00:00:00"
 
 
@@ -43,19 +43,12 @@ class Solid:
     color: tuple[float, float, float] | None = None
 
 
-def write_step(
-    solids: Sequence[Solid],
-    path: str | os.PathLike,
-    *,
-    faces: int = 1,
-    assembly: bool | None = None,
-    timestamp: str = _NO_TIME,
-) -> None:
+def write_step(solids: Sequence[Solid], path: str | os.PathLike, *, faces: int = 1) -> None:
     """Write organs as a STEP file, or refuse to where one of them is no valid solid.
 
     Parameters
     ----------
-    solids, faces, assembly, timestamp
+    solids, faces
         As in :func:`step_text`.
     path : path
         File to write; its folder must exist.
@@ -69,7 +62,7 @@ def write_step(
         If the file cannot be written; a file of that name is left as it was.
     """
     validate_solids(solids)
-    text = step_text(solids, faces=faces, assembly=assembly, timestamp=timestamp)
+    text = step_text(solids, faces=faces)
     with replacing(path) as draft:
         draft.write_text(text, encoding="ascii")
 
@@ -118,10 +111,8 @@ def validate_solids(solids: Sequence[Solid], *, require_closed: bool = True) -> 
             raise ValueError(msg) from error
 
 
-def step_text(
-    solids: Sequence[Solid], *, faces: int = 1, assembly: bool | None = None, timestamp: str = _NO_TIME
-) -> str:
-    """Text of a STEP file, without a thorough look at the surfaces (see :func:`validate_solids`).
+def step_text(solids: Sequence[Solid], *, faces: int = 1) -> str:
+    """Text of a STEP file: one product, or an assembly of several; see :func:`validate_solids` for the surfaces.
 
     Parameters
     ----------
@@ -129,16 +120,11 @@ def step_text(
         With different names.
     faces : int
         Faces of every organ: 1, with a seam; or strips from pole to pole, cut by exact knot insertion, that have none.
-    assembly : bool, optional
-        Whether the organs are products of their own in an assembly, instead of the solids of one product. If not
-        given, several organs are an assembly.
-    timestamp : str
-        ISO 8601 date and time for the header. Same arguments, same text.
 
     Returns
     -------
     str
-        ASCII.
+        ASCII. Same arguments, same text.
 
     Raises
     ------
@@ -149,15 +135,10 @@ def step_text(
     entities = Entities()
     products = _Products(entities)
     bodies = [add_solid(entities, solid.name, _strips(solid, faces)) for solid in solids]
-    if assembly or (assembly is None and len(solids) > 1):
-        parts = [
-            (solid.name, products.add_part(solid.name, [body], [solid.color])) for solid, body in zip(solids, bodies)
-        ]
+    parts = [(solid.name, products.add_part(solid.name, body, solid.color)) for solid, body in zip(solids, bodies)]
+    if len(parts) > 1:
         products.add_assembly(ASSEMBLY_NAME, parts)
-    else:
-        name = solids[0].name if len(solids) == 1 else ASSEMBLY_NAME
-        products.add_part(name, bodies, [solid.color for solid in solids])
-    return _header(solids, timestamp) + f"DATA;\n{entities.text()}ENDSEC;\nEND-ISO-10303-21;\n"
+    return _header(solids) + f"DATA;\n{entities.text()}ENDSEC;\nEND-ISO-10303-21;\n"
 
 
 def _check(solids: Sequence[Solid]) -> None:
@@ -189,7 +170,7 @@ def _strips(solid: Solid, faces: int) -> tuple[BSplineSurface, ...]:
         raise ValueError(msg) from error
 
 
-def _header(solids: Sequence[Solid], timestamp: str) -> str:
+def _header(solids: Sequence[Solid]) -> str:
     """Header section: what is inside, in which frame, and by whom."""
     what = f"B-spline solids of organs: {', '.join(solid.name for solid in solids)}"
     frame = "LPS mm: x to the left, y to the back, z to the head of the patient (DICOM)"
@@ -198,7 +179,7 @@ def _header(solids: Sequence[Solid], timestamp: str) -> str:
     return (
         "ISO-10303-21;\nHEADER;\n"
         f"FILE_DESCRIPTION({listed([string(what), string(frame)])},'2;1');\n"
-        f"FILE_NAME({string(name)},{string(timestamp)},(''),(''),{string(program)},{string(program)},'');\n"
+        f"FILE_NAME({string(name)},{string(_NO_TIME)},(''),(''),{string(program)},{string(program)},'');\n"
         f"FILE_SCHEMA(({string(_SCHEMA)}));\nENDSEC;\n"
     )
 
@@ -247,46 +228,19 @@ class _Products:
             entities.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())"),
         ]
 
-    def add_part(
-        self, name: str, solids: Sequence[str], colors: Sequence[tuple[float, float, float] | None]
-    ) -> _Product:
-        """Add a product made of solids.
-
-        Parameters
-        ----------
-        name : str
-        solids : sequence of str
-            References to the solids.
-        colors : sequence of (r, g, b), or None for a solid without
-            Each from 0 to 1.
-
-        Returns
-        -------
-        _Product
-        """
+    def add_part(self, name: str, solid: str, color: tuple[float, float, float] | None) -> _Product:
+        """Add a product made of a solid, given by its reference, with a colour or without."""
         context, placement = self._context(), self._placement()
         representation = self._entities.add(
-            f"ADVANCED_BREP_SHAPE_REPRESENTATION({string(name)},{listed([placement, *solids])},{context})"
+            f"ADVANCED_BREP_SHAPE_REPRESENTATION({string(name)},{listed([placement, solid])},{context})"
         )
-        styled = [self._styled(solid, color) for solid, color in zip(solids, colors) if color is not None]
-        if styled:
-            self._entities.add(
-                f"MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',{listed(styled)},{context})"
-            )
+        if color is not None:
+            styled = self._styled(solid, color)
+            self._entities.add(f"MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',({styled}),{context})")
         return _Product(self._definition(name, representation), representation, placement)
 
-    def add_assembly(self, name: str, parts: Sequence[tuple[str, _Product]]) -> _Product:
-        """Add a product made of other products, each where it is.
-
-        Parameters
-        ----------
-        name : str
-        parts : sequence of (name, Product)
-
-        Returns
-        -------
-        _Product
-        """
+    def add_assembly(self, name: str, parts: Sequence[tuple[str, _Product]]) -> None:
+        """Add a product made of other products, given with their names, each where it is."""
         entities = self._entities
         context, placement = self._context(), self._placement()
         places = [self._placement() for _ in parts]
@@ -303,7 +257,6 @@ class _Products:
             )
             shape = entities.add(f"PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',{usage})")
             entities.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION({relation},{shape})")
-        return _Product(definition, representation, placement)
 
     def _definition(self, name: str, representation: str) -> str:
         """Add a product that has a shape."""
