@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
+
+from ..export.surface_data import cell_array, polydata
 
 
 def volume_fractions(
@@ -136,11 +136,12 @@ def _stencil_slabs(
     depth = int(parts[2])
     heights = points[triangles, 2]
     low, high = heights.min(axis=1), heights.max(axis=1)
-    vertices = _vertices(points)
+    mesh = polydata(points, triangles)
+    stencil.SetInputData(mesh)
     for k in range(int(size[2])):
         first, last = k * depth, (k + 1) * depth - 1
         # The stencil looks at every triangle for every plane that it cuts.
-        stencil.SetInputData(_polydata(vertices, triangles[(low <= last + 1) & (high >= first - 1)]))
+        mesh.SetPolys(cell_array(triangles[(low <= last + 1) & (high >= first - 1)]))
         stencil.SetOutputWholeExtent(0, int(width) - 1, 0, int(height) - 1, first, last)
         to_image.Update()
         scalars = to_image.GetOutput().GetPointData().GetScalars()
@@ -152,23 +153,6 @@ def _block_sums(samples: np.ndarray, parts: np.ndarray) -> np.ndarray:
     per_column = samples.sum(axis=0, dtype=np.uint32)
     per_row = sum(per_column[offset :: parts[1]] for offset in range(parts[1]))
     return sum(per_row[:, offset :: parts[0]] for offset in range(parts[0]))
-
-
-def _vertices(points: np.ndarray) -> vtkPoints:
-    """Make vtkPoints of an array."""
-    vertices = vtkPoints()
-    vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
-    return vertices
-
-
-def _polydata(vertices: vtkPoints, triangles: np.ndarray) -> vtkPolyData:
-    """Make a vtkPolyData of triangles."""
-    cells = vtkCellArray()
-    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles).ravel(), deep=True))
-    mesh = vtkPolyData()
-    mesh.SetPoints(vertices)
-    mesh.SetPolys(cells)
-    return mesh
 
 
 def _checked_mesh(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

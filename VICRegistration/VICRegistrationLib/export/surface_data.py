@@ -45,12 +45,17 @@ def polydata(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
     """
     vertices = vtkPoints()
     vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=float), deep=True))
-    cells = vtkCellArray()
-    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles, dtype=np.int64).ravel(), deep=True))
     data = vtkPolyData()
     data.SetPoints(vertices)
-    data.SetPolys(cells)
+    data.SetPolys(cell_array(triangles))
     return data
+
+
+def cell_array(triangles: np.ndarray) -> vtkCellArray:
+    """Triangles, (m, 3) of int, as VTK's cells."""
+    cells = vtkCellArray()
+    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles, dtype=np.int64).ravel(), deep=True))
+    return cells
 
 
 def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
