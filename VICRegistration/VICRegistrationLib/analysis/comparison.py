@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,8 +60,8 @@ class Comparison:
     volume_dice: float
     volume_ml: float
     reference_ml: float
-    signed_to_surface: np.ndarray
-    signed_to_reference: np.ndarray
+    signed_to_surface: np.ndarray = field(repr=False)
+    signed_to_reference: np.ndarray = field(repr=False)
 
     @property
     def volume_difference_ml(self) -> float:

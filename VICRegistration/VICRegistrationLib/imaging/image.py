@@ -72,7 +72,8 @@ class Image:
         return cls(np.asarray(array), ijk_to_ras)
 
     def __repr__(self):
-        sizes, steps = (" x ".join(f"{value:.3g}" for value in values) for values in (self.size, self.spacing))
+        sizes = " x ".join(str(number) for number in self.array.shape[::-1])
+        steps = " x ".join(f"{step:.3g}" for step in self.spacing)
         return f"Image({sizes} voxels of {steps} mm, {self.array.dtype})"
 
     def __post_init__(self):
