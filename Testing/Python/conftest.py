@@ -28,17 +28,17 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def one_net(monkeypatch):
     """Fit without trying a finer net, for tests where any surface does: that takes most of the time."""
-    from VICRegistrationLib.registration import finer_nets
+    import quick_fits
 
-    monkeypatch.setattr(finer_nets, "_MOST_HALVINGS", 0)
+    quick_fits.without_finer_nets(monkeypatch)
 
 
 @pytest.fixture
 def cached_fits(one_net, monkeypatch):
     """One net, and a fit of the same image with the same options is run once, for tests of what is around fits."""
-    import cached_fits
+    import quick_fits
 
-    cached_fits.install(monkeypatch)
+    quick_fits.cache(monkeypatch)
 
 
 @pytest.fixture

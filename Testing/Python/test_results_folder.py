@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from quick_fits import without_finer_nets
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 import VICRegistrationLib
@@ -50,7 +51,7 @@ def images(tmp_path_factory):
 def plain(images, tmp_path_factory):
     """Folder of results of a bladder, with its exact solid and without pictures."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("VICRegistrationLib.registration.finer_nets._MOST_HALVINGS", 0)
+        without_finer_nets(patch)
         folder = tmp_path_factory.mktemp("plain") / "out"
         assert fit(images / "mri.nrrd", "bladder", folder, "--no-pictures", "--step") == 0
     return folder

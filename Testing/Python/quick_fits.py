@@ -1,4 +1,4 @@
-"""Separations and fits that are run once per process for all tests that ask for the same ones."""
+"""Fits that take less time, for tests of what is around them: without finer nets, and run once per process."""
 
 from __future__ import annotations
 
@@ -7,14 +7,26 @@ import hashlib
 
 import numpy as np
 
-from VICRegistrationLib.registration import organ
+from VICRegistrationLib.registration import automatic, organ
+from VICRegistrationLib.registration.finer_nets import fit_finer
 from VICRegistrationLib.segmentation import separation
 
 # Results by the digest of the arguments.
 _results = {}
 
 
-def install(monkeypatch):
+def without_finer_nets(monkeypatch):
+    """Keep the first net where none is asked for: to try finer ones takes most of a fit's time."""
+
+    def first_net_only(plan, found, options, anchor, wanted):
+        if wanted is not None:
+            return (yield from fit_finer(plan, found, options, anchor, wanted))
+        return found, (), []
+
+    monkeypatch.setattr(automatic, "fit_finer", first_net_only)
+
+
+def cache(monkeypatch):
     """Keep the results of separations and fits; a fit that was cancelled or failed is not kept."""
     monkeypatch.setattr(separation, "separate", _cached(separation.separate))
     for name in ("fit_region", "refit"):
