@@ -54,7 +54,7 @@ $(VENV)/pictures.stamp: pyproject.toml | $(BIN)/python
 	touch $@
 
 $(VENV)/demo.stamp: pyproject.toml | $(BIN)/python
-	$(INSTALL) --editable '.[pictures,mesh]'
+	$(INSTALL) --editable '.[pictures,mesh,dicom]'
 	touch $@
 
 $(VENV)/test.stamp: pyproject.toml | $(BIN)/python

@@ -98,12 +98,12 @@ def test_a_file_cut_short(tmp_path, suffix):
 
 def test_a_colour_image(tmp_path):
     sitk.WriteImage(sitk.Image([5, 5, 5], sitk.sitkVectorUInt8, 3), str(tmp_path / "colour.nrrd"))
-    refused(lambda: read_image(tmp_path / "colour.nrrd"), "3 values per voxel", "colour", "grey-level")
+    refused(lambda: read_image(tmp_path / "colour.nrrd"), "3 values per voxel", "colour", "--frame 1 to --frame 3")
 
 
 def test_a_sequence_of_volumes(tmp_path):
     sitk.WriteImage(sitk.Image([5, 5, 5, 7], sitk.sitkInt16), str(tmp_path / "cine.nii"))
-    refused(lambda: read_image(tmp_path / "cine.nii"), "4 dimensions", "7 frames", "one volume")
+    refused(lambda: read_image(tmp_path / "cine.nii"), "holds 7 volumes", "one volume", "--frame 1 to --frame 7")
 
 
 @pytest.mark.parametrize("size", [[9, 8], [9, 8, 1]])

@@ -146,7 +146,7 @@ def constant(folder, image):
         (no_image, ["notes.txt cannot be read as an image"]),
         (cut_short, ["short.nii is cut short", "copy or download it again"]),
         (empty_folder, ["holds no DICOM slices", "choose the folder that holds the slices"]),
-        (colour, ["colour.nrrd has 3 values per voxel", "choose one channel"]),
+        (colour, ["colour.nrrd has 3 values per voxel", "--frame 1 to --frame 3"]),
         (four_dimensional, ["frames.nrrd has 4 dimensions with 2 frames", "one volume is needed"]),
         (one_slice, ["slice.nrrd holds a single slice", "choose the whole volume"]),
         (not_a_number, ["1 of the image's", "not finite", "Replace them"]),
@@ -205,7 +205,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--net", "-9x7"], ["--net", "ROWSxCOLUMNS such as 9x7"]),
         (["--erosion", "-inf"], ["--erosion", "zero or a positive length"]),
         (["--erosion", "1e308"], ["more than half of the volume's longest side", "Use a few millimetres"]),
-        (["--series", "1.2.3"], ["A series was named", "is a file"]),
+        (["--series", "1.2.3"], ["--series was given", "is a file"]),
         (["--sead", "1,2,3"], ["unrecognized arguments: --sead 1,2,3"]),
         (["--config", "organs.json"], ["Both --config and --organ were given"]),
         (["--organ", "rectum"], ["--organ was given twice, bladder and rectum", "--config FILE"]),
@@ -508,6 +508,6 @@ def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path
 
 
 def test_sigterm_leaves_nothing_behind(image_path, output, monkeypatch):
-    monkeypatch.setattr(fitting, "read_image", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(fitting, "read_told", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
     assert cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--no-pictures"]) == 143
     assert [path.name for path in output.iterdir()] == ["notes.txt"]

@@ -120,8 +120,10 @@ def test_labels_are_chosen_for_each_organ(fitted, label, capsys):
 def test_what_has_little_in_common_is_warned_of(fitted, truth, capsys):
     assert run(fitted["rectum"], truth / "rectum.stl", "--frame", "RAS", "--points", 100) == 0
     warning = capsys.readouterr().err
-    assert warning.startswith("warning: rectum: has no volume in common with rectum.stl; check that both are of one")
-    assert "the frame of the mesh (LPS or RAS, mm)" in warning
+    assert warning.startswith(
+        "warning: rectum: fits rectum.stl better with left and right, and front and back exchanged"
+    )
+    assert "in another frame (LPS or RAS)" in warning
 
 
 # ------------------------------------------------------------------ files
@@ -194,12 +196,12 @@ def test_what_is_wrong_is_said_in_one_line(fitted, truth, label, tmp_path, capsy
     blocked.write_text("in the way")
     for words, sentence in (
         ((bladder, tmp_path / "missing.nii.gz"), "There is no file or folder"),
-        ((bladder, label), "holds 2 labels, 3, 5; choose one with the option label"),
+        ((bladder, label), "holds 2 labels, 3, 5; choose one with --label"),
         ((bladder, label, "--label", 4), "holds no label 4, but 3, 5; choose one of these"),
         ((bladder, label, "--label", "uterus=3"), "--label uterus=3 was given, but the organs are bladder"),
         ((bladder, label, "--label", 3, "--label", 5), "--label was given 2 times; say which is for which organ"),
-        ((bladder, truth / "rectum.stl", "--label", 3), "The option label was given, which does not fit"),
-        ((bladder, tmp_path / "truth", "--frame", "RAS"), "The option frame was given, which does not fit"),
+        ((bladder, truth / "rectum.stl", "--label", 3), "--label was given, which does not fit"),
+        ((bladder, tmp_path / "truth", "--frame", "RAS"), "The frame of a mesh was given, which does not fit"),
         ((bladder, truth, "--output", blocked), "is not a folder; choose a folder for the output"),
     ):
         assert run(*words) == 2

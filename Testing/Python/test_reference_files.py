@@ -92,7 +92,7 @@ def test_the_largest_piece_of_a_mesh_has_no_hollow(surface, tmp_path):
     path = written(tmp_path / "hollow.ply", np.concatenate([part.points for part in parts]), triangles)
     whole = read_reference(path, frame="RAS")
     assert depth(whole.reference) == pytest.approx(3.0, abs=0.1)
-    assert whole.notes == (f"the mesh {path} has 3 pieces; the option largest keeps only the largest one",)
+    assert whole.notes == (f"the mesh {path} has 3 pieces; --largest keeps only the largest one",)
     largest = read_reference(path, frame="RAS", largest=True)
     assert depth(largest.reference) == pytest.approx(-8.0, abs=0.1)
     assert largest.notes == ()
@@ -123,7 +123,7 @@ def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
     write_image(Image(array, np.eye(4)), path)
     read = read_reference(path)
     assert (read.kind, read.label) == ("label image", "2")
-    assert read.notes == (f"label 2 of {path} has 2 pieces; the option largest keeps only the largest one",)
+    assert read.notes == (f"label 2 of {path} has 2 pieces; --largest keeps only the largest one",)
     # Flying edges cut the corners of voxels: a lone one has a sixth of its volume, a block loses its edges.
     assert enclosed_volume(read.reference.points, read.reference.triangles) == pytest.approx(1000.0, rel=0.02)
     largest = read_reference(path, largest=True)
@@ -143,10 +143,10 @@ def test_a_surface_is_read_as_it_is(surface, tmp_path):
 def test_options_of_other_kinds_are_refused(surface, tmp_path):
     path = tmp_path / "organ.json"
     write_surface(surface, path, name="organ")
+    named = {"label": "--label", "frame": "The frame of a mesh", "largest": "--largest"}
     for option in ({"label": 1}, {"frame": "RAS"}, {"largest": True}):
-        with pytest.raises(
-            ValueError, match=rf"The option {next(iter(option))} was given, which does not fit .*surface"
-        ):
+        told = named[next(iter(option))]
+        with pytest.raises(ValueError, match=rf"{told} was given, which does not fit .*surface"):
             read_reference(path, **option)
 
 

@@ -122,7 +122,7 @@ def compare(
         to_reference=Deviation.of(to_reference),
         hausdorff=float(max(np.abs(to_surface).max(), np.abs(to_reference).max())),
         surface_dice=tuple((float(tolerance), float(share)) for tolerance, share in zip(tolerances, shares)),
-        volume_dice=_volume_dice(_triangles(surface), _triangles(reference)),
+        volume_dice=volume_dice(_triangles(surface), _triangles(reference)),
         volume_ml=surface.volume() / 1000.0,
         reference_ml=_volume(reference) / 1000.0,
         signed_to_surface=to_surface,
@@ -201,8 +201,24 @@ def _triangles(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
 # ------------------------------------------------------------------ common volume
 
 
-def _volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
-    """Twice the common volume over the sum of both, counted on one lattice around them."""
+def volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
+    """Twice the common volume over the sum of both, counted on one lattice around them.
+
+    Parameters
+    ----------
+    first, second : ReferenceMesh
+        Closed, RAS mm, outward.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If they are too thin to be counted.
+    """
     axes = _turned_axes()
     places = [mesh.points @ axes.T for mesh in (first, second)]
     lows, highs = (np.array([edge(each, axis=0) for each in places]) for edge in (np.min, np.max))

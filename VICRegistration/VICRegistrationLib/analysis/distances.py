@@ -19,6 +19,7 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
+from .mesh_repair import joined, without_copies
 
 # Cells in u and in v within which the area of a surface is taken as evenly spread: it changes by some 1 % across one.
 _CELLS = (256, 256)
@@ -241,7 +242,8 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
     Parameters
     ----------
     mesh : TriangleMesh or ReferenceMesh
-        RAS mm. Points may be there twice (as in an STL file), triangles may be turned the wrong way.
+        RAS mm. Points may be there twice (as in an STL file), also with other roundings, and so may triangles; they may
+        be turned the wrong way.
 
     Returns
     -------
@@ -265,11 +267,13 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
     if not np.isfinite(points).all():
         msg = "The mesh has points that are not finite (NaN or infinite); repair it where it was made."
         raise ValueError(msg)
-    points, number = np.unique(points, axis=0, return_inverse=True)
-    triangles = number.reshape(-1)[triangles].astype(np.int64)
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    open_edges, turned_edges = _unmatched_edges(triangles, len(points))
+    given = points, triangles
+    for rounded, copies in ((False, False), (False, True), (True, False)):
+        points, triangles = joined(*given, rounded=rounded)
+        triangles = triangles if copies else without_copies(triangles)
+        open_edges, turned_edges = _unmatched_edges(triangles, len(points))
+        if not open_edges:
+            break
     if open_edges:
         msg = (
             f"The mesh is open: {open_edges} edges have a triangle without a neighbour; inside and outside need a "

@@ -6,9 +6,10 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from scipy import ndimage
 
-from ..export.mesh_reading import READABLE_MESHES, holds_surface, read_triangles, read_vtp_record
+from ..export.mesh_reading import READABLE_MESHES, holds_surface, is_image, read_triangles, read_vtp_record
 from ..geometry.surface_file import read_surface_record
 from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes
@@ -29,12 +30,15 @@ class ReadReference:
         Value and name of the label; empty for other kinds.
     notes : tuple of str
         What should be looked at, a sentence each.
+    center : (3,) ndarray, optional
+        Middle of the grid of a label image, RAS mm.
     """
 
     reference: Reference
     kind: str
     label: str = ""
     notes: tuple[str, ...] = ()
+    center: np.ndarray | None = None
 
 
 def read_reference(
@@ -50,8 +54,8 @@ def read_reference(
     Parameters
     ----------
     path : path
-        A surface (.json, or .vtp with a control net), a mesh (.stl, .ply, .vtp, .vtk, .obj), or a label image that
-        SimpleITK reads.
+        A surface (.json, or .vtp with a control net), a mesh (.stl, .ply, .vtp, .vtk, .obj), or a label image: any that
+        `read_image` reads, or a DICOM segmentation.
     organ : str
         Name of the organ: of several segments with names, that of the organ is taken.
     label : int or str, optional
@@ -75,13 +79,13 @@ def read_reference(
     path = Path(path)
     kind = _kind(path)
     unfit = {
-        "label": label is not None and kind != "label image",
-        "frame": frame is not None and kind != "mesh",
-        "largest": largest and kind == "surface",
+        "--label": label is not None and kind != "label image",
+        "The frame of a mesh": frame is not None and kind != "mesh",
+        "--largest": largest and kind == "surface",
     }
     for option, given in unfit.items():
         if given:
-            msg = f"The option {option} was given, which does not fit {path}: it is a {kind}. Leave it out."
+            msg = f"{option} was given, which does not fit {path}: it is a {kind}. Leave it out."
             raise ValueError(msg)
     if kind == "surface":
         record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
@@ -93,6 +97,8 @@ def _kind(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix == ".json" or (suffix == ".vtp" and holds_surface(path)):
         return "surface"
+    if suffix == ".vtk" and is_image(path):
+        return "label image"
     return "mesh" if suffix in READABLE_MESHES else "label image"
 
 
@@ -109,16 +115,19 @@ def _mesh(path: Path, largest: bool, frame: str | None) -> ReadReference:
 
 
 def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> ReadReference:
-    mask, segment = read_label(path, label, organ=organ)
+    notes: list[str] = []
+    mask, segment = read_label(path, label, organ=organ, warn=notes.append)
     region = region_from_mask(mask, mask.array, largest_component=largest)
     if largest:
         region = replace(region, mask=fill_holes(region.mask))
-    notes = () if largest else _about_pieces(ndimage.label(region.mask)[1], f"label {segment} of {path}")
-    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), notes)
+    if not largest:
+        notes += _about_pieces(ndimage.label(region.mask)[1], f"label {segment} of {path}")
+    center = mask.to_ras([(mask.size - 1) / 2.0])[0]
+    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), tuple(notes), center)
 
 
 def _about_pieces(count: int, what: str) -> tuple[str, ...]:
     """Tell of stray pieces, whose distances would count."""
     if count < 2:
         return ()
-    return (f"{what} has {count} pieces; the option largest keeps only the largest one",)
+    return (f"{what} has {count} pieces; --largest keeps only the largest one",)

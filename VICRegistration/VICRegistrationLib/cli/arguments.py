@@ -39,6 +39,7 @@ _NUMERIC = (
     "--time-limit",
     "--volume-error",
     "--label",
+    "--frame",
     "--points",
     "--tolerance",
 )
@@ -183,7 +184,9 @@ def _add_command(subparsers, name: str, summary: str, run: Callable, **kwargs) -
 def _add_fit(subparsers) -> None:
     fit = _add_command(subparsers, "fit", "fit organs in an image", commands.fit, epilog=_FIT_EPILOG)
     fit.add_argument(
-        "image", metavar="IMAGE", help="file that SimpleITK reads (NIfTI, NRRD, ...), or a folder of DICOM slices"
+        "image",
+        metavar="IMAGE",
+        help="file (NIfTI, NRRD, MetaImage, DICOM, ...), or a folder of DICOM slices",
     )
     which = fit.add_argument_group("which organs")
     which.add_argument(
@@ -253,7 +256,15 @@ def _add_fit(subparsers) -> None:
         help="stiffness of the surface, 0 for none; ten times as much is ten times as stiff (default: by the noise, "
         "about 2e-4)",
     )
-    how.add_argument("--series", metavar="UID", help="which DICOM series of the folder: its UID or its description")
+    how.add_argument(
+        "--series", metavar="UID", help="which DICOM series of the folder: its UID, its description or its number"
+    )
+    how.add_argument(
+        "--frame",
+        metavar="N",
+        type=argument(validators.frame),
+        help="which volume of an image with several (time points, echoes, phases), from 1",
+    )
     _add_fit_outputs(fit)
 
 
@@ -262,7 +273,7 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     beside.add_argument(
         "--reference", metavar="FILE", help="label image, mesh, surface, or a folder of them: shown beside the fit"
     )
-    references.add_words(beside)
+    references.add_words(beside, frame="--reference-frame")
     what = fit.add_argument_group("what comes out")
     what.add_argument(
         "--output",

@@ -45,6 +45,7 @@ def fit(options: argparse.Namespace) -> int:
         requests,
         options.output,
         series=options.series,
+        frame=options.frame,
         inputs=read if options.config is None else [options.config, *read],
         references=references,
         pictures=not options.no_pictures,
@@ -102,11 +103,10 @@ def reproduce(options: argparse.Namespace) -> None:
 def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, OrganReference]:
     """Read what the organs are compared with, before the work."""
     if options.reference is None:
-        own = [word for word in ("label", "largest", "frame") if getattr(options, word)]
+        flags = {"label": "--label", "largest": "--largest", "mesh_frame": "--reference-frame"}
+        own = [flag for word, flag in flags.items() if getattr(options, word)]
         if own:
-            msg = (
-                f"--{own[0]} was given without --reference; it chooses a part of the reference. Name the reference too."
-            )
+            msg = f"{own[0]} was given without --reference; it chooses a part of the reference. Name the reference too."
             raise ValueError(msg)
         return {}
     if options.no_pictures:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
-from ..imaging.reading import read_image
 from ..imaging.region import Region
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
@@ -18,8 +17,8 @@ from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
+from .images import read_told
 from .organ_entries import FittedOrgan
-from .process import silenced_stderr
 from .references import OrganReference
 from .request_checks import check_request
 from .results_folder import Run, restored_organs, target_files, write_results
@@ -32,6 +31,7 @@ def fit_to_folder(
     folder: str | os.PathLike,
     *,
     series: str | None = None,
+    frame: int | None = None,
     pictures: bool = True,
     step: bool = False,
     references: Mapping[str, OrganReference] | None = None,
@@ -52,6 +52,8 @@ def fit_to_folder(
         Folder of results of this image, see :mod:`.stored_results`; is made if there is none.
     series : str, optional
         DICOM series of the folder.
+    frame : int, optional
+        Which volume of the image, from 1, if it holds several.
     pictures : bool
         Whether to draw pictures, which needs matplotlib.
     step : bool
@@ -86,11 +88,12 @@ def fit_to_folder(
     folder = Path(folder)
     stored = _checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
     start = time.perf_counter()
-    with silenced_stderr():
-        image = read_image(image_path, series=series)
+    image, notes = read_told(image_path, series=series, frame=frame)
+    for note in notes:
+        warn(f"warning: {note}")
     seconds_load = time.perf_counter() - start
     say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
-    record = image_record(image, str(image_path), series)
+    record = image_record(image, str(image_path), series, frame, notes)
     stored.check_image(record)
     if pictures or step:
         restored_organs(stored, [request.name for request in requests], image)

@@ -38,12 +38,14 @@ class OrganReference:
         return {"path": os.path.abspath(self.path), **self.asked}
 
 
-def add_words(group: argparse._ArgumentGroup) -> None:
+def add_words(group: argparse._ArgumentGroup, *, frame: str = "--frame") -> None:
     """Add the words that say which part of a reference is meant.
 
     Parameters
     ----------
     group : argument group of argparse
+    frame : str
+        Flag for the frame of a mesh.
     """
     group.add_argument(
         "--label",
@@ -57,7 +59,8 @@ def add_words(group: argparse._ArgumentGroup) -> None:
         action="store_true",
         help="only the largest piece of a label or a mesh, its hollows filled",
     )
-    group.add_argument("--frame", choices=FRAMES, help="of a mesh (default: what the file tells, else LPS)")
+    help_text = "frame of a mesh (default: what the file tells, else LPS)"
+    group.add_argument(frame, dest="mesh_frame", choices=FRAMES, help=help_text)
 
 
 def read_references(
@@ -84,7 +87,7 @@ def read_references(
         With a sentence for the user.
     """
     labels = chosen_labels(options.label, names)
-    words = {"largest": options.largest, "frame": options.frame}
+    words = {"largest": options.largest, "frame": options.mesh_frame}
     return {name: _read(name, paths[name], {"label": labels.get(name), **words}) for name in names}
 
 

@@ -174,7 +174,10 @@ def _write_pictures(
     for organ in reported:
         for warning in organ.compared.warnings if organ.compared is not None and organ.name in run.names else ():
             warn(f"{organ.name}: warning: {warning}")
-    source = Source(str(run.record["image"]), str(run.record["image_series"] or ""))
+    record = run.record
+    source = Source(
+        str(record["image"]), str(record["image_series"] or ""), record["image_frame"], record["image_warnings"]
+    )
     write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -129,7 +129,8 @@ class StoredResults:
         if not self.content or self._is_of(record):
             return
         before, now = str(self.content["image"]), str(record["image"])
-        same_name = Path(before).name == Path(now).name and self.content.get("image_series") == record["image_series"]
+        asked = ("image_series", "image_frame")
+        same_name = Path(before).name == Path(now).name and all(self.content.get(key) == record[key] for key in asked)
         what = f"an earlier version of {before}" if same_name else f"another image, {before}"
         msg = (
             f"The folder {self.folder} holds results of {what}; choose another folder by --output, or remove it. "
@@ -189,7 +190,9 @@ def read_results(folder: Path) -> StoredResults:
     return StoredResults(folder, content)
 
 
-def image_record(image: Image, path: str, series: str | None) -> dict[str, object]:
+def image_record(
+    image: Image, path: str, series: str | None, frame: int | None = None, warnings: Sequence[str] = ()
+) -> dict[str, object]:
     """Tell which image it is, for ``report.json``.
 
     Parameters
@@ -199,6 +202,10 @@ def image_record(image: Image, path: str, series: str | None) -> dict[str, objec
         As the user gave it.
     series : str, optional
         The DICOM series that was asked for.
+    frame : int, optional
+        Which of several volumes was asked for.
+    warnings : sequence of str
+        What the file leaves open, a sentence each.
 
     Returns
     -------
@@ -212,6 +219,8 @@ def image_record(image: Image, path: str, series: str | None) -> dict[str, objec
     return {
         "image": path,
         "image_series": series,
+        "image_frame": frame,
+        "image_warnings": list(warnings),
         "image_size": image.size.tolist(),
         "image_spacing_mm": image.spacing.tolist(),
         "image_ijk_to_ras": image.ijk_to_ras.tolist(),

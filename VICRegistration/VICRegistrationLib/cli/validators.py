@@ -55,6 +55,14 @@ def number(value: str) -> float:
         raise ValueError(msg) from error
 
 
+def frame(value: str) -> int:
+    """Check the number of a volume, from 1."""
+    if not value.isascii() or not value.isdecimal() or int(value) < 1:
+        msg = f"{value!r} was given; the number of a volume is 1 or more (the frame of a mesh is --reference-frame)"
+        raise ValueError(msg)
+    return int(value)
+
+
 def erosion(value: object) -> float:
     """Check the radius of the erosion, mm."""
     return _radius(value, "an erosion")

@@ -20,7 +20,8 @@ from ..files import replacing
 from ..frames import RAS_TO_LPS
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, triangulate
-from .surface_data import add_surface, add_text, polydata, polydata_of_mesh, silent_vtk, xml_text
+from ..imaging.library_messages import silent_vtk
+from .surface_data import add_surface, add_text, polydata, polydata_of_mesh, xml_text
 
 MESH_SUFFIXES = (".stl", ".ply", ".vtp")
 DEFAULT_CHORD_ERROR = 0.05

@@ -18,7 +18,8 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 from ..files import reason
 from ..frames import RAS_TO_LPS
 from ..geometry.surface_file import SurfaceRecord
-from .surface_data import silent_vtk, surface_in, triangles_in
+from ..imaging.library_messages import silent_vtk
+from .surface_data import polydata, surface_in, triangles_in
 
 _READERS = {
     ".stl": vtkSTLReader,
@@ -73,11 +74,22 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
         triangulated.SetInputData(data)
         triangulated.Update()
     found = triangulated.GetOutput()
+    if not found.GetNumberOfPolys() and path.suffix.lower() == ".stl":
+        found = _lenient_stl(path)
     if not found.GetNumberOfPolys():
         msg = f"The file {path} holds no triangles that can be read; give a closed mesh as a {path.suffix} file."
         raise ValueError(msg)
     points, triangles = triangles_in(found)
     return points * (RAS_TO_LPS if (frame or _told_frame(data, header)) == "LPS" else 1.0), triangles
+
+
+def is_image(path: str | os.PathLike) -> bool:
+    """Whether a .vtk file holds an image, not a mesh; no if it cannot be read."""
+    try:
+        with Path(path).open("rb") as file:
+            return re.search(rb"^DATASET\s+STRUCTURED_POINTS", file.read(_HEADER_BYTES), re.I | re.M) is not None
+    except OSError:
+        return False
 
 
 def holds_surface(path: str | os.PathLike) -> bool:
@@ -131,6 +143,17 @@ def _field_data(path: Path) -> vtkFieldData:
     with silent_vtk():
         reader.Update()
     return reader.GetOutput().GetFieldData()
+
+
+def _lenient_stl(path: Path) -> vtkPolyData:
+    """Triangles of an STL file of text in capitals, or behind a byte order mark, which VTK does not take for text."""
+    number = rb"\s+([-+.\deE]+)"
+    corners = re.findall(rb"vertex" + 3 * number, path.read_bytes(), re.IGNORECASE)
+    try:
+        points = np.array(corners, dtype=float).reshape(-1, 3)
+    except ValueError:
+        points = np.empty((0, 3))
+    return polydata(points, np.arange(len(points) // 3 * 3).reshape(-1, 3))
 
 
 def _told_frame(data: vtkPolyData, header: bytes) -> str:

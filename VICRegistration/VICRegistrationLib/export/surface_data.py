@@ -14,12 +14,9 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkObject, vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkFieldData, vtkPolyData
 
 from ..files import reason
@@ -190,14 +187,3 @@ def xml_text(writer, data) -> str:
     writer.WriteToOutputStringOn()
     writer.Write()
     return writer.GetOutputString()
-
-
-@contextlib.contextmanager
-def silent_vtk() -> Iterator[None]:
-    """Keep VTK from printing what is wrong with a file."""
-    shown = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.SetGlobalWarningDisplay(0)
-    try:
-        yield
-    finally:
-        vtkObject.SetGlobalWarningDisplay(shown)

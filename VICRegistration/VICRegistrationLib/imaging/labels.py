@@ -1,22 +1,31 @@
-"""Organs in label images: by value, or by the name of the segment in Slicer's .seg.nrrd files."""
+"""Organs in label images: by value, or by the name of a segment (Slicer's .seg.nrrd files, DICOM segmentations)."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from . import dicom, multiframe
 from .image import Image
-from .reading import read_header, read_image
+from .reading import LPS_TO_RAS, read_header, read_image
+from .volumes import SeveralVolumes
 
 # So many labels are listed before the rest is only counted.
 _LISTED = 12
 # An image with more values than this is hardly a segmentation.
 _MANY = 255
+# Resampling leaves labels so far from whole numbers (float32 in programs that interpolate).
+_ROUNDING = 1e-3
+# An image with so few values is hardly an MRI: label maps of whole bodies have about a hundred, 8-bit MRI twice that.
+_FEW = 100
+# So many voxels are looked at for that.
+_LOOKED_AT = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -42,18 +51,27 @@ class Segment:
         return f"{self.value} ({self.name})" if self.name else str(self.value)
 
 
-def read_label(path: str | os.PathLike, label: int | str | None = None, *, organ: str = "") -> tuple[Image, Segment]:
+def read_label(
+    path: str | os.PathLike,
+    label: int | str | None = None,
+    *,
+    organ: str = "",
+    warn: Callable[[str], None] | None = None,
+) -> tuple[Image, Segment]:
     """Read the voxels of one label.
 
     Parameters
     ----------
     path : path
-        Any image that SimpleITK reads; segments of Slicer's .seg.nrrd files have names, and may be in several layers.
+        Any image that `read_image` reads; segments of Slicer's .seg.nrrd files and of DICOM segmentations have names,
+        and may overlap.
     label : int or str, optional
         Value or name of the segment, in upper or lower case. If not given, the only one that there is, or the one that
         has the organ's name.
     organ : str
         Name of the organ.
+    warn : callable, optional
+        As of `read_image`.
 
     Returns
     -------
@@ -67,52 +85,102 @@ def read_label(path: str | os.PathLike, label: int | str | None = None, *, organ
         If the file cannot be read, is no label image, or it is not clear which label is meant; the sentence lists them.
     """
     path = Path(path)
+    warn = warn or warnings.warn
+    if path.is_file() and dicom.is_segmentation(path):
+        image, segment = _dicom_segment(path, label, organ)
+    else:
+        image, segment = _labelled(path, label, organ, warn)
+    if not image.array.any():
+        msg = f"{path}: the segment {segment} has no voxels; choose another label."
+        raise ValueError(msg)
+    return image, segment
+
+
+def few_values(image: Image) -> int:
+    """Count the grey levels of an image that has hardly any, as a label map has; 0 for others.
+
+    Parameters
+    ----------
+    image : Image
+
+    Returns
+    -------
+    int
+    """
+    step = max(1, image.array.size // _LOOKED_AT)
+    seen = np.unique(image.array.reshape(-1)[::step])
+    if len(seen) >= _FEW or not np.array_equal(seen, np.round(seen)):
+        return 0
+    count = len(np.unique(image.array))
+    return count if 1 < count < _FEW else 0
+
+
+def _dicom_segment(path: Path, label: int | str | None, organ: str) -> tuple[Image, Segment]:
+    """One segment of a DICOM segmentation; an empty slice is added at both ends, as they hold none."""
+    found = [Segment(number, name) for number, name in multiframe.segments_of(str(path)).items()]
+    segment = _chosen(found, label, organ, path)
+    mask, matrix = multiframe.segment_in(str(path), segment.value)
+    matrix = matrix.copy()
+    matrix[:3, 3] -= matrix[:3, 2]
+    return Image(np.pad(mask, ((1, 1), (0, 0), (0, 0))), LPS_TO_RAS @ matrix), segment
+
+
+def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[str], None]) -> tuple[Image, Segment]:
+    """Voxels of one label of an image."""
     named, layers = _named_segments(path)
     if named and layers > 1:
         segment = _chosen(named, label, organ, path)
-        image = read_image(path, component=segment.layer)
+        image = read_image(path, frame=segment.layer + 1, warn=warn)
+        values = _whole(image, path)
     else:
-        image = read_image(path)
+        try:
+            image = read_image(path, warn=warn)
+        except SeveralVolumes as error:
+            msg = f"{error.found}; a label image is one volume. Save the one with the labels as a file of its own."
+            raise ValueError(msg) from error
+        values = _whole(image, path)
         names = {segment.value: segment.name for segment in named}
-        found = [Segment(value, names.get(value, "")) for value in _values(image, path)]
+        found = [Segment(int(value), names.get(int(value), "")) for value in np.unique(values) if value != 0]
+        if not found:
+            msg = f"{path} holds no label: all of its voxels are 0. Give a segmentation with the organ in it."
+            raise ValueError(msg)
         segment = _chosen(found, label, organ, path)
-    mask = image.array == segment.value
-    if not mask.any():
-        msg = f"{path}: the segment {segment} has no voxels; choose another label."
-        raise ValueError(msg)
-    return Image(mask, image.ijk_to_ras), segment
+    return Image(values == segment.value, image.ijk_to_ras), segment
 
 
 def _named_segments(path: Path) -> tuple[list[Segment], int]:
-    """Segments that a file's header tells of, and the number of values in a voxel."""
+    """Segments that a file's header tells of, and the number of layers.
+
+    Slicer up to 4.10 wrote a layer for each segment, with the value 1, and neither value nor layer into the header.
+    """
     header, layers = read_header(path)
     told: dict[int, dict[str, str]] = {}
     for key, text in header.items():
-        match = re.fullmatch(r"Segment(\d+)_(Name|LabelValue|Layer)", key)
+        match = re.fullmatch(r"Segment(\d+)_(ID|Name|LabelValue|Layer)", key)
         if match:
             told.setdefault(int(match[1]), {})[match[2]] = text
-    segments = [
-        Segment(int(parts["LabelValue"]), parts.get("Name", ""), int(parts.get("Layer", "0")))
-        for _, parts in sorted(told.items())
-        if re.fullmatch(r"\d+", parts.get("LabelValue", "")) and re.fullmatch(r"\d+", parts.get("Layer", "0"))
-    ]
-    return [segment for segment in segments if segment.layer < layers], layers
+    segments = []
+    for number, parts in sorted(told.items()):
+        value, layer = parts.get("LabelValue", "1"), parts.get("Layer", str(number if "LabelValue" not in parts else 0))
+        if value.isdecimal() and layer.isdecimal() and int(layer) < layers:
+            segments.append(Segment(int(value), parts.get("Name", parts.get("ID", "")), int(layer)))
+    return segments, layers
 
 
-def _values(image: Image, path: Path) -> list[int]:
-    """Labels of an image: its values other than 0."""
-    values = np.unique(image.array)
-    values = values[values != 0]
-    if not np.array_equal(values, np.round(values)):
+def _whole(image: Image, path: Path) -> np.ndarray:
+    """Voxels as whole numbers, which resampling may have put off a little."""
+    values = image.array
+    if values.dtype.kind != "f":
+        return values
+    rounded = np.round(values)
+    off = np.abs(values - rounded) > _ROUNDING
+    if off.any():
         msg = (
-            f"{path} holds {values[values != np.round(values)][0]:g}; a label image holds whole numbers, 0 for the "
-            "background. Give a segmentation, not the image itself."
+            f"{path} holds {values[off][0]:g}; a label image holds whole numbers, 0 for the background. Give a "
+            "segmentation, not the image itself."
         )
         raise ValueError(msg)
-    if not len(values):
-        msg = f"{path} holds no label: all of its voxels are 0. Give a segmentation with the organ in it."
-        raise ValueError(msg)
-    return [int(value) for value in values]
+    return rounded
 
 
 def _chosen(segments: Sequence[Segment], label: int | str | None, organ: str, path: Path) -> Segment:
@@ -136,7 +204,7 @@ def _chosen(segments: Sequence[Segment], label: int | str | None, organ: str, pa
     if label is None and len(segments) > _MANY:
         msg = f"{path} holds {len(segments)} different values; give a segmentation, not the image itself."
     elif label is None:
-        msg = f"{path} holds {len(segments)} labels, {listed}{rest}; choose one with the option label (value or name)."
+        msg = f"{path} holds {len(segments)} labels, {listed}{rest}; choose one with --label (value or name)."
     elif matching:
         msg = f"{path} holds {len(matching)} labels {label}: {', '.join(map(str, matching))}; choose one by its name."
     else:

@@ -1,138 +1,198 @@
-"""What ITK's NIfTI reader repairs in silence: values that are not finite, broken spacings, files cut short."""
+"""NIfTI files, versions 1 and 2, by VTK's reader, each placed by the matrix that it holds."""
 
 from __future__ import annotations
 
-import contextlib
-import gzip
-import os
-import struct
-import zlib
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonMisc import vtkErrorCode
+from vtkmodules.vtkIOImage import vtkNIFTIImageReader
 
-from .image import check_finite_count
+from .library_messages import silent_vtk
+from .volumes import volume_index
 
-ENDINGS = (".nii", ".nii.gz")
-# By the length of the header, which is its first number: where its fields lie, and how their numbers are written.
-_LAYOUTS = {
-    348: {"dim": (40, "8h"), "datatype": (70, "h"), "bitpix": (72, "h"), "pixdim": (76, "8f"), "offset": (108, "f")},
-    540: {"dim": (16, "8q"), "datatype": (12, "h"), "bitpix": (14, "h"), "pixdim": (104, "8d"), "offset": (168, "q")},
-}
-_FLOATING = {16: "f4", 64: "f8"}
-_BLOCK_BYTES = 1 << 24
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Fields of a header; `order` is the byte order, "<" or ">"."""
-
-    order: str
-    datatype: int
-    bytes_each: int
-    n_voxels: int
-    spacing: tuple[float, ...]
-    offset: int
+ENDINGS = (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz")
+# Types of voxels that are no grey levels: complex numbers, colours.
+_NOT_GREY = {32: "complex numbers", 1792: "complex numbers", 128: "colours", 2304: "colours"}
+# By the code of its unit: what a length is multiplied by, and its name.
+_UNITS = {1: (1e3, "metres"), 3: (1e-3, "micrometres")}
+# Where a single file's voxels begin at the earliest, by version.
+_EARLIEST = {"n+1": 352, "n+2": 544}
+# Two matrices that put a corner of the image farther apart are told, mm; spacings that differ by more, as a fraction;
+# axes that are farther from perpendicular, degrees.
+_TOLD_MM, _TOLD_SPACING, _TOLD_DEGREES = 0.5, 0.01, 0.5
 
 
-def check_nifti(path: Path) -> None:
-    """Refuse a file that ITK would read with other grey levels or another spacing than it holds.
+def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Read a NIfTI file.
 
     Parameters
     ----------
     path : Path
-        File that ends in .nii or .nii.gz. One without a NIfTI header is left to ITK to refuse.
+        .nii, .nii.gz, or one of a pair .hdr and .img.
+    frame : int, optional
+        Which volume of a file with several, from 1.
+
+    Returns
+    -------
+    array : (nk, nj, ni) ndarray
+        With the file's slope and intercept applied.
+    ijk_to_ras : (4, 4) ndarray
+        The sform where its code says that it holds; else the qform; else the spacing alone.
+    notes : list of str
+        What the file leaves open, or contradicts itself in, a sentence each.
 
     Raises
     ------
     ValueError
-        If the file is cut short, a spacing is not a positive number, or voxels are not finite.
+        If it is no NIfTI file, it is cut short, or it holds no volume of grey levels.
     """
-    try:
-        with contextlib.suppress(OSError, zlib.error), _opened(path) as file:
-            header = _header(file.read(544))
-            if header is None:
-                return
-            _check_length(path, header)
-            _check_spacing(path, header)
-            if header.datatype in _FLOATING:
-                _check_voxels(path, header, file)
-    except EOFError:
-        msg = f"{path} is cut short (its compressed data end too soon); copy or download it again."
-        raise ValueError(msg) from None
+    reader = vtkNIFTIImageReader()
+    reader.SetFileName(str(path))
+    reader.TimeAsVectorOn()
+    with silent_vtk():
+        reader.UpdateInformation()
+        header = reader.GetNIFTIHeader()
+        _check_error(path, reader.GetErrorCode(), header)
+        _check_header(path, header)
+        done = reader.GetExecutive().Update()
+        # Where the other half of a pair is missing, VTK tells no more than that it has failed.
+        failed = vtkErrorCode.NoError if done else vtkErrorCode.CannotOpenFileError
+        _check_error(path, reader.GetErrorCode() or failed, header)
+    size = [max(1, header.GetDim(axis)) for axis in (3, 2, 1)]
+    levels = vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars()).reshape(*size, -1)
+    array = levels[..., volume_index(frame, levels.shape[-1], str(path))]
+    if reader.GetQFac() < 0:
+        # VTK has turned the order of the slices round.
+        array = array[::-1]
+    matrix, notes = _placed(path, header, array.shape)
+    return _scaled(array, header), matrix, notes
 
 
-def _opened(path):
-    with path.open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"
-    return gzip.open(path) if packed else path.open("rb")
+# ------------------------------------------------------------------ voxels
 
 
-def _header(content):
-    """Read the fields of a header; None if there is no header."""
-    for order in "<>":
-        length = struct.unpack_from(order + "i", content)[0] if len(content) >= 348 else 0
-        if length in _LAYOUTS and len(content) >= length:
-            break
-    else:
-        return None
-    fields = {name: struct.unpack_from(order + code, content, at) for name, (at, code) in _LAYOUTS[length].items()}
-    dim, offset = fields["dim"], fields["offset"][0]
-    if not (1 <= dim[0] <= 7 and np.isfinite(offset)):
-        return None
-    n_voxels = 1
-    for size in dim[1 : dim[0] + 1]:
-        n_voxels *= max(size, 1)
-    return _Header(order, fields["datatype"][0], fields["bitpix"][0] // 8, n_voxels, fields["pixdim"][1:4], int(offset))
-
-
-def _check_length(path, header):
-    needed = header.offset + header.n_voxels * header.bytes_each
-    found = _size(path, needed)
-    if found < needed:
-        msg = f"{path} is cut short ({found} of {needed} bytes); copy or download it again."
-        raise ValueError(msg)
-
-
-def _check_spacing(path, header):
-    if all(np.isfinite(step) and step > 0 for step in header.spacing):
+def _check_error(path: Path, code: int, header) -> None:
+    if not code:
         return
-    steps = " x ".join(f"{step:g}" for step in header.spacing)
+    if code == vtkErrorCode.PrematureEndOfFileError:
+        msg = f"{path} is cut short (its data end too soon); copy or download it again."
+        raise ValueError(msg)
+    reason = vtkErrorCode.GetStringFromErrorCode(code)
+    if code == vtkErrorCode.FileFormatError:
+        reason = f"its voxels of NIfTI type {header.GetDataType()} or its sizes are not understood"
+    if code == vtkErrorCode.CannotOpenFileError:
+        reason = "its other half, .hdr or .img, is not beside it"
     msg = (
-        f"{path} has the voxel spacing {steps} mm; every spacing must be positive. Correct the file's header (pixdim)."
+        f"{path} cannot be read as an image ({reason}); check that the file is complete and of a medical image format "
+        "such as NIfTI, NRRD, MetaImage or DICOM."
     )
     raise ValueError(msg)
 
 
-def _check_voxels(path, header, file):
-    """Count in blocks what is not finite: a copy of the whole volume might not fit into the memory."""
-    kind = np.dtype(header.order + _FLOATING[header.datatype])
-    file.seek(header.offset)
-    left, bad = header.n_voxels * kind.itemsize, 0
-    while left > 0 and (block := file.read(min(left, _BLOCK_BYTES))):
-        left -= len(block)
-        levels = np.frombuffer(block[: len(block) // kind.itemsize * kind.itemsize], kind)
-        bad += len(levels) - int(np.count_nonzero(np.isfinite(levels)))
-    try:
-        check_finite_count(bad, header.n_voxels)
-    except ValueError as error:
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from None
+def _check_header(path: Path, header) -> None:
+    """Refuse what is no volume of grey levels before its voxels are read."""
+    if not header.GetMagic() and path.name.lower().endswith(ENDINGS[:2]):
+        msg = (
+            f"{path} is no NIfTI file, as its name says (its header lacks the mark n+1); give the file it was made of."
+        )
+        raise ValueError(msg)
+    kind = _NOT_GREY.get(header.GetDataType())
+    sizes = [header.GetDim(axis) for axis in range(1, min(header.GetDim(0), 7) + 1)]
+    if kind is None and int(np.prod(sizes[4:])) > 1:
+        kind = f"vectors of {int(np.prod(sizes[4:]))} values"
+    if kind:
+        msg = f"{path} holds {kind}; a grey-level image is needed. Convert it, or choose one channel."
+        raise ValueError(msg)
+    if len(sizes) < 3 or sizes[2] < 2:
+        msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
+        raise ValueError(msg)
+    offset, earliest = header.GetVoxOffset(), _EARLIEST.get(header.GetMagic(), 0)
+    if not offset >= earliest:
+        msg = f"{path} says that its voxels begin at byte {offset}, inside of its header; write the file again."
+        raise ValueError(msg)
 
 
-def _size(path, expected):
-    """Size of the content: of a packed file from its last four bytes if they agree, else by unpacking it."""
-    with path.open("rb") as file:
-        magic = file.read(2)
-        file.seek(-4, os.SEEK_END)
-        noted = int.from_bytes(file.read(4), "little")
-    if magic != b"\x1f\x8b":
-        return path.stat().st_size
-    if noted == expected % 2**32:
-        return expected
-    size = 0
-    with contextlib.suppress(EOFError, OSError, zlib.error), gzip.open(path) as file:
-        while block := file.read(1 << 16):
-            size += len(block)
-    return size
+def _scaled(array: np.ndarray, header) -> np.ndarray:
+    """Apply the slope and intercept, if there are any."""
+    slope, intercept = header.GetSclSlope(), header.GetSclInter()
+    if (
+        not header.GetMagic()
+        or not np.isfinite([slope, intercept]).all()
+        or slope == 0.0
+        or (slope, intercept) == (1, 0)
+    ):
+        return np.ascontiguousarray(array)
+    exact = np.float32 if array.dtype.itemsize <= 2 else np.float64
+    return array.astype(exact) * exact(slope) + exact(intercept)
+
+
+# ------------------------------------------------------------------ place
+
+
+def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, list[str]]:
+    """Matrix from voxels to RAS mm, and what is to be told of it."""
+    scale, unit = _UNITS.get(int(header.GetXYZTUnits()) & 7, (1.0, ""))
+    notes = [f"{path}: its lengths are in {unit}; they were converted to mm"] if unit else []
+    spacing = np.array([header.GetPixDim(axis) for axis in (1, 2, 3)])
+    usable = bool(np.isfinite(spacing).all() and np.all(spacing > 0.0))
+    is_nifti = bool(header.GetMagic())
+    qform = _qform(header, spacing) if usable and is_nifti and header.GetQFormCode() > 0 else None
+    if is_nifti and header.GetSFormCode() > 0:
+        matrix = np.array([header.GetSRowX(), header.GetSRowY(), header.GetSRowZ(), (0, 0, 0, 1)], dtype=float)
+        notes += _about_sform(path, matrix, qform, spacing, shape)
+    elif not usable:
+        steps = " x ".join(f"{step:g}" for step in spacing)
+        msg = f"{path} has the voxel spacing {steps} mm; every spacing must be positive. Correct its header (pixdim)."
+        raise ValueError(msg)
+    elif qform is not None:
+        matrix = qform
+    else:
+        # As ITK and Slicer take it.
+        matrix = np.diag([*(spacing * [-1, -1, 1]), 1.0])
+        notes.append(
+            f"{path}: it does not tell where in the patient it is, nor which way its axes point (no sform, no qform); "
+            "they were taken as left, posterior and superior, as 3D Slicer does"
+        )
+    return np.diag([scale, scale, scale, 1.0]) @ matrix, notes
+
+
+def _qform(header, spacing: np.ndarray) -> np.ndarray:
+    """Matrix of the quaternion, as the standard has it."""
+    b, c, d = header.GetQuaternB(), header.GetQuaternC(), header.GetQuaternD()
+    a = np.sqrt(max(0.0, 1.0 - b * b - c * c - d * d))
+    turn = np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ]
+    )
+    turn[:, 2] *= -1.0 if header.GetPixDim(0) < 0 else 1.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * spacing
+    matrix[:3, 3] = header.GetQOffsetX(), header.GetQOffsetY(), header.GetQOffsetZ()
+    return matrix
+
+
+def _about_sform(path: Path, matrix, qform, spacing, shape) -> list[str]:
+    """Collect what contradicts the sform, or is unusual in it."""
+    steps = np.linalg.norm(matrix[:3, :3], axis=0)
+    notes = []
+    if not np.allclose(steps, spacing, rtol=_TOLD_SPACING, atol=0.0):
+        own, other = (" x ".join(f"{step:.4g}" for step in each) for each in (steps, spacing))
+        notes.append(f"{path}: its sform has voxels of {own} mm, its pixdim says {other} mm; the sform was taken")
+    elif qform is not None:
+        corners = np.array(np.meshgrid(*([0, count - 1] for count in shape[::-1]), indexing="ij")).reshape(3, -1)
+        apart = np.linalg.norm(((matrix - qform)[:3] @ np.vstack([corners, np.ones(8)])), axis=0).max()
+        if apart > _TOLD_MM:
+            notes.append(f"{path}: its qform places it up to {apart:.1f} mm away from its sform; the sform was taken")
+    if not np.all(steps > 0.0):
+        # No image has this matrix, which is refused.
+        return notes
+    cosines = (matrix[:3, :3] / steps).T @ (matrix[:3, :3] / steps)
+    away = np.degrees(np.arcsin(np.clip(np.abs(cosines[np.triu_indices(3, 1)]).max(), 0.0, 1.0)))
+    if away > _TOLD_DEGREES:
+        notes.append(f"{path}: its axes are {away:.1f} degrees from perpendicular; it is placed as its sform says")
+    return notes

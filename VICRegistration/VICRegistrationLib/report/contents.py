@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.comparison import Comparison, compare, distances_from
+from ..analysis.mirrored import mirrored
 from ..analysis.references import ReadReference
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
@@ -33,10 +34,16 @@ class Source:
         As the user gave it.
     series : str
         The DICOM series that was asked for; empty if none was.
+    frame : int, optional
+        Which of several volumes was asked for.
+    warnings : sequence of str
+        What the file leaves open or contradicts itself in, a sentence each.
     """
 
     path: str
     series: str = ""
+    frame: int | None = None
+    warnings: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +76,24 @@ class ComparedOrgan:
     def warnings(self) -> list[str]:
         """What should be looked at before the numbers are used, a sentence each."""
         found = list(self.read.notes)
-        if self.comparison.volume_dice < _DOUBTFUL_DICE:
+        sides, dice = self.mirrored
+        if sides:
+            found.append(
+                f"fits {self.against} better with {sides} exchanged (volume Dice {dice:.2f} instead of "
+                f"{self.comparison.volume_dice:.2f}); one of the two is mirrored, or in another frame (LPS or RAS)"
+            )
+        elif self.comparison.volume_dice < _DOUBTFUL_DICE:
             found.append(
                 f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
                 "that both are of one organ in one image"
                 + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
             )
         return found
+
+    @cached_property
+    def mirrored(self) -> tuple[str, float]:
+        """What is exchanged in a mirror image of the reference that fits far better, and its volume Dice."""
+        return mirrored(self.surface, self.read.reference, self.comparison.volume_dice, center=self.read.center)
 
     @cached_property
     def mesh(self) -> TriangleMesh:

@@ -1,0 +1,59 @@
+"""Whether a reference is the mirror image of what it should be: left for right, or RAS coordinates taken for LPS."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import triangulate
+from .comparison import volume_dice
+from .distances import Reference, ReferenceMesh
+
+# Of the triangles that stand for the surface, mm.
+_CHORD_ERROR = 0.1
+# A fit and its reference share more than this of their volumes; below, mirror images are tried. Mirror images that
+# share more than `_ALIKE` are told: real pairs of organs and other organs share less.
+_SUSPECTED, _ALIKE = 0.7, 0.8
+_MIRRORS = {
+    "left and right, and front and back": (-1.0, -1.0, 1.0),
+    "left and right": (-1.0, 1.0, 1.0),
+    "front and back": (1.0, -1.0, 1.0),
+    "top and bottom": (1.0, 1.0, -1.0),
+}
+
+
+def mirrored(
+    surface: BSplineSurface, reference: Reference, dice: float, *, center: np.ndarray | None = None
+) -> tuple[str, float]:
+    """Find the mirror image of a reference that a surface fits.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        Closed, RAS mm.
+    reference : BSplineSurface or ReferenceMesh
+        Closed, RAS mm.
+    dice : float
+        Volume Dice of the two as they are.
+    center : (3,) ndarray, optional
+        Middle of the reference's own grid, RAS mm: a second place to mirror at, besides the origin.
+
+    Returns
+    -------
+    sides : str
+        What is exchanged; empty if no mirror image fits.
+    dice : float
+        With the mirror image.
+    """
+    if dice >= _SUSPECTED or isinstance(reference, BSplineSurface):
+        return "", dice
+    mesh = triangulate(surface, chord_error=_CHORD_ERROR)
+    fitted = ReferenceMesh(mesh.points, mesh.triangles)
+    found = []
+    for sides, signs in _MIRRORS.items():
+        for middle in (np.zeros(3), *([] if center is None else [center])):
+            points = middle + (reference.points - middle) * signs
+            turned = reference.triangles[:, :: int(np.prod(signs))]
+            found.append((volume_dice(fitted, ReferenceMesh(points, turned)), sides))
+    best, sides = max(found)
+    return (sides, best) if best > _ALIKE else ("", dice)

@@ -1,0 +1,41 @@
+"""The image of a fit, and what its file leaves open."""
+
+from __future__ import annotations
+
+import os
+
+from ..imaging.image import Image
+from ..imaging.labels import few_values
+from ..imaging.reading import read_image
+from .process import silenced_stderr
+
+
+def read_told(path: str | os.PathLike, *, series: str | None, frame: int | None) -> tuple[Image, list[str]]:
+    """Read an image, and collect what is doubtful about it.
+
+    Parameters
+    ----------
+    path : path
+        File or folder of DICOM slices.
+    series, frame
+        As of :func:`..imaging.reading.read_image`.
+
+    Returns
+    -------
+    image : Image
+    notes : list of str
+        A sentence each.
+
+    Raises
+    ------
+    ValueError
+        With a sentence for the user.
+    """
+    notes: list[str] = []
+    # What readers written in C print is either an error, which they raise too, or collected as a warning.
+    with silenced_stderr():
+        image = read_image(path, series=series, frame=frame, warn=notes.append)
+    count = few_values(image)
+    if count:
+        notes.append(f"{path}: it holds only {count} different values, as a label map does; an MRI is needed for a fit")
+    return image, notes

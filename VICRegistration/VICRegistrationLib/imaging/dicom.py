@@ -1,0 +1,269 @@
+"""DICOM: series of a folder, and files with several frames, placed by what each image says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from . import multiframe
+from .library_messages import one_line
+from .slices import Slice, Stack, stacked
+
+_SOP_CLASS, _IMAGE_TYPE, _FRAMES, _SAMPLES = "0008|0016", "0008|0008", "0028|0008", "0028|0002"
+_SERIES, _SERIES_DESCRIPTION, _SERIES_NUMBER = "0020|000e", "0008|103e", "0020|0011"
+_FRAME_OF_REFERENCE = "0020|0052"
+_ROWS, _COLUMNS = "0028|0010", "0028|0011"
+_POSITION, _ORIENTATION, _SPACING = "0020|0032", "0020|0037", "0028|0030"
+_PLACING = {
+    _POSITION: ("ImagePositionPatient", 3),
+    _ORIENTATION: ("ImageOrientationPatient", 6),
+    _SPACING: ("PixelSpacing", 2),
+}
+# What may tell images at one place apart, the plainest first.
+_TELLING = {
+    "0020|0100": "TemporalPositionIdentifier",
+    "0018|0086": "EchoNumbers",
+    "0018|0081": "EchoTime",
+    "0018|9087": "DiffusionBValue",
+    "0018|0082": "InversionTime",
+    "0018|1314": "FlipAngle",
+    "0018|1060": "TriggerTime",
+    "0008|0008": "ImageType",
+    "0018|0024": "SequenceName",
+    "0020|0012": "AcquisitionNumber",
+    "0008|0032": "AcquisitionTime",
+    "0020|0013": "InstanceNumber",
+}
+# What is no image of a patient, though it has pixels: segmentations.
+_SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
+
+Header = dict[str, str]
+Placed = tuple[np.ndarray, np.ndarray, list[str]]
+
+
+class _NoImageError(ValueError):
+    """A DICOM file holds no image: a report, a presentation state, a directory."""
+
+
+def is_dicom(path: Path) -> bool:
+    """Whether a file begins as DICOM files do."""
+    with path.open("rb") as file:
+        return file.read(132)[128:] == b"DICM"
+
+
+def is_segmentation(path: Path) -> bool:
+    """Whether a file is a DICOM segmentation."""
+    return is_dicom(path) and _header(str(path)).get(_SOP_CLASS) in _SEGMENTATIONS
+
+
+def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
+    """Read a series out of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    series : str, optional
+        UID, description or number of the series, if there are several.
+    frame : int, optional
+        Which of several volumes of the series, from 1.
+
+    Returns
+    -------
+    array : (nk, nj, ni) ndarray
+    ijk_to_lps : (4, 4) ndarray
+    notes : list of str
+        What a user should know, a sentence each.
+
+    Raises
+    ------
+    ValueError
+        If it is not clear which series is meant, or it is no volume.
+    """
+    headers, damaged = _headers(folder)
+    array, matrix, notes = _read(_chosen_series(headers, folder, series), f"the DICOM series in {folder}", frame)
+    if damaged:
+        notes.append(f"{len(damaged)} files of the folder are no complete DICOM files, such as {damaged[0]}")
+    return array, matrix, notes
+
+
+def read_file(path: Path, frame: int | None) -> Placed:
+    """Read the volume of a file with several frames.
+
+    Parameters
+    ----------
+    path : Path
+    frame : int, optional
+        Which of several volumes in it, from 1.
+
+    Returns
+    -------
+    array, ijk_to_lps, notes
+        As of :func:`read_series`.
+
+    Raises
+    ------
+    ValueError
+        If it holds a single slice, or no volume.
+    """
+    header = _header(str(path))
+    if header.get(_SOP_CLASS) in _SEGMENTATIONS:
+        msg = f"{path} is a DICOM segmentation, not an image; give the series that it was drawn in."
+        raise ValueError(msg)
+    if not _several_frames(header):
+        msg = f"{path} holds a single slice; a surface needs several slices, so give the folder that holds the series."
+        raise ValueError(msg)
+    return _read({str(path): header}, str(path), frame)
+
+
+# ------------------------------------------------------------------ which files
+
+
+def _headers(folder: Path) -> tuple[dict[str, Header], list[str]]:
+    """Headers of the images in a folder, and the names of files that are damaged."""
+    found, damaged = {}, []
+    for path in sorted(path for path in folder.iterdir() if path.is_file()):
+        try:
+            header = _header(str(path))
+        except _NoImageError:
+            continue
+        except ValueError:
+            # Text files, pictures and whatever else lies beside the slices is no DICOM file at all.
+            if is_dicom(path) or not path.stat().st_size:
+                damaged.append(path.name)
+            continue
+        if header.get(_SERIES) and header.get(_SOP_CLASS) not in _SEGMENTATIONS:
+            found[str(path)] = header
+    return found, damaged
+
+
+def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None) -> dict[str, Header]:
+    """Files of the one series that is meant, with their headers."""
+    found: dict[str, dict[str, Header]] = {}
+    for name, header in headers.items():
+        found.setdefault(header[_SERIES], {})[name] = header
+    if not found:
+        msg = f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves."
+        raise ValueError(msg)
+    if series is None and len(found) == 1:
+        return next(iter(found.values()))
+    firsts = {uid: next(iter(files.values())) for uid, files in found.items()}
+    told = {uid: [firsts[uid].get(tag, "") for tag in (_SERIES_DESCRIPTION, _SERIES_NUMBER)] for uid in found}
+    matches = [uid for uid in found if series is not None and series in (uid, *told[uid])]
+    if len(matches) == 1:
+        return found[matches[0]]
+    listing = "; ".join(
+        f"{uid} '{told[uid][0]}'{f', number {told[uid][1]}' * bool(told[uid][1])}, {len(names)} files"
+        for uid, names in found.items()
+    )
+    reason = "" if series is None else f", and {len(matches) or 'none'} of them match '{series}'"
+    msg = (
+        f"The folder {folder} holds {len(found)} DICOM series{reason}: {listing}. Choose one with --series (its UID, "
+        "description or number)."
+    )
+    raise ValueError(msg)
+
+
+def _header(name: str) -> Header:
+    """Texts of a file's own elements by their tags."""
+    reader = sitk.ImageFileReader()
+    reader.SetFileName(name)
+    reader.SetImageIO("GDCMImageIO")
+    try:
+        reader.ReadImageInformation()
+    except RuntimeError as error:
+        header = multiframe.header_of(name)
+        if _ROWS in header:
+            return header
+        if header:
+            msg = (
+                f"{name} is a DICOM file without an image ({multiframe.kind_of(header.get(_SOP_CLASS, ''))}); give an "
+                "image series, or for a reference a DICOM segmentation or a label image."
+            )
+            raise _NoImageError(msg) from None
+        msg = f"{name} cannot be read as a DICOM image ({one_line(error)}); give the files of an image series."
+        raise ValueError(msg) from None
+    return {key: reader.GetMetaData(key).strip() for key in reader.GetMetaDataKeys()}
+
+
+def _several_frames(header: Header) -> bool:
+    return float(header.get(_FRAMES) or 1) > 1 or header.get(_SOP_CLASS) in multiframe.SOP_CLASSES
+
+
+# ------------------------------------------------------------------ one series
+
+
+def _read(headers: dict[str, Header], what: str, frame: int | None) -> Placed:
+    _check_one_frame_of_reference(headers.values(), what)
+    slices: list[Slice] = []
+    for name, header in headers.items():
+        _check_kind(header, name, what)
+        slices += multiframe.slices_of(name) if _several_frames(header) else [_slice_of(name, header, what)]
+    stack = stacked(slices, what, frame)
+    multi = {name for name, header in headers.items() if _several_frames(header)}
+    return _voxels(stack, multi, what), stack.ijk_to_lps, list(stack.notes)
+
+
+def _check_one_frame_of_reference(headers: Iterable[Header], what: str) -> None:
+    found = {header.get(_FRAME_OF_REFERENCE, "") for header in headers} - {""}
+    if len(found) > 1:
+        msg = (
+            f"The positions in {what} refer to {len(found)} different frames of reference (the patient was moved "
+            "between them?), so they are no volume; choose another series."
+        )
+        raise ValueError(msg)
+
+
+def _check_kind(header: Header, name: str, what: str) -> None:
+    """Refuse colours and mosaics."""
+    if int(header.get(_SAMPLES) or 1) > 1 or "PALETTE" in header.get("0028|0004", ""):
+        msg = f"The DICOM images in {what} are in colour; grey levels are needed. Choose another series."
+        raise ValueError(msg)
+    if "MOSAIC" in header.get(_IMAGE_TYPE, "").upper().split("\\"):
+        msg = (
+            f"{name} is a Siemens mosaic, all slices of a volume in one picture, which has no place in the patient; "
+            "convert the series to NIfTI, for example with dcm2niix, and give that file."
+        )
+        raise ValueError(msg)
+
+
+def _slice_of(name: str, header: Header, what: str) -> Slice:
+    """Place and properties of a file with one image."""
+    values = {}
+    for tag, (keyword, count) in _PLACING.items():
+        try:
+            values[tag] = np.array(header.get(tag, "").split("\\"), dtype=float)
+        except ValueError:
+            values[tag] = np.empty(0)
+        if len(values[tag]) != count or not np.isfinite(values[tag]).all():
+            found = f"{keyword} {header[tag]!r}" if header.get(tag) else f"no {keyword}"
+            msg = (
+                f"The image {name} of {what} has {found}, so that its place in the patient is not known; {count} "
+                "numbers are needed. Export the series again from where it was acquired."
+            )
+            raise ValueError(msg)
+    told = {keyword: header[tag] for tag, keyword in _TELLING.items() if header.get(tag)}
+    shape = int(header[_ROWS]), int(header[_COLUMNS])
+    return Slice(values[_POSITION], values[_ORIENTATION], values[_SPACING], shape, (name, 0), told)
+
+
+def _voxels(stack: Stack, multi: set[str], what: str) -> np.ndarray:
+    """Grey levels of slices, with the slope and intercept of each."""
+    wanted: dict[str, list[int]] = {}
+    for number, each in enumerate(stack.slices):
+        wanted.setdefault(each.source[0], []).append(number)
+    images: list = [None] * len(stack.slices)
+    for name, numbers in wanted.items():
+        if name in multi:
+            found = multiframe.frames_of(name, [stack.slices[number].source[1] for number in numbers])
+        else:
+            try:
+                found = sitk.GetArrayFromImage(sitk.ReadImage(name)).reshape(1, *stack.slices[numbers[0]].shape)
+            except RuntimeError as error:
+                msg = f"The image {name} of {what} cannot be read ({one_line(error)}); copy the series again."
+                raise ValueError(msg) from None
+        for number, image in zip(numbers, found):
+            images[number] = image
+    return np.stack(images)

@@ -1,0 +1,304 @@
+"""DICOM files with several frames, and DICOM segmentations: by highdicom, an optional package."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from .slices import Slice
+
+# Enhanced MR, MR color, CT, PET, XA and X-ray 3D, legacy converted CT, MR and PET, and parametric maps.
+SOP_CLASSES = tuple(
+    f"1.2.840.10008.5.1.4.1.1.{number}"
+    for number in ("4.1", "4.3", "2.1", "130", "13.1.1", "13.1.2", "2.2", "4.4", "128.1", "30")
+)
+# What may tell frames at one place apart, besides the dimensions that the file names, the plainest first.
+_TELLING = (
+    ("FrameContentSequence", "TemporalPositionIndex"),
+    ("FrameContentSequence", "StackID"),
+    ("MREchoSequence", "EffectiveEchoTime"),
+    ("MRDiffusionSequence", "DiffusionBValue"),
+    ("CardiacSynchronizationSequence", "NominalCardiacTriggerDelayTime"),
+    ("MRImageFrameTypeSequence", "FrameType"),
+    ("MRImageFrameTypeSequence", "ComplexImageComponent"),
+    ("FrameContentSequence", "FrameAcquisitionNumber"),
+)
+# Farthest that a frame may be from its place in the grid, mm, as for slices.
+_MOST_OFF = 0.1
+# Slices farther apart than this, in thicknesses, have others between them.
+_MOST_THICKNESSES = 1.9
+_PLACING = (
+    ("PlanePositionSequence", "ImagePositionPatient", 3),
+    ("PlaneOrientationSequence", "ImageOrientationPatient", 6),
+    ("PixelMeasuresSequence", "PixelSpacing", 2),
+)
+
+
+def header_of(name: str) -> dict[str, str]:
+    """Texts of a file's own elements, for files that ITK does not understand.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    dict of str to str
+        By tags as ITK writes them, "0028|0008"; empty if pydicom is not installed, or does not understand it either.
+    """
+    if importlib.util.find_spec("pydicom") is None:
+        return {}
+    import pydicom
+
+    try:
+        dataset = pydicom.dcmread(name, stop_before_pixels=True)
+    except (pydicom.errors.InvalidDicomError, OSError, EOFError):
+        return {}
+    texts = (element for element in dataset if element.VR != "SQ")
+    return {f"{each.tag.group:04x}|{each.tag.element:04x}": str(each.value) for each in texts}
+
+
+def kind_of(sop_class: str) -> str:
+    """Name of a kind of DICOM files, by its UID; pydicom is there."""
+    from pydicom.uid import UID
+
+    return UID(sop_class).name
+
+
+def slices_of(name: str) -> list[Slice]:
+    """Places and properties of all frames of a file.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    list of Slice
+
+    Raises
+    ------
+    ValueError
+        If highdicom is not installed, or a frame has no place.
+    """
+    _require_highdicom(name)
+    import pydicom
+
+    dataset = pydicom.dcmread(name, stop_before_pixels=True)
+    if "PerFrameFunctionalGroupsSequence" not in dataset:
+        msg = (
+            f"{name} holds {dataset.get('NumberOfFrames', 1)} frames without a place for each of them, which are no "
+            "volume; export the series as single slices or as an enhanced multi-frame file."
+        )
+        raise ValueError(msg)
+    dimensions = _dimensions(dataset)
+    found = []
+    for number, frame in enumerate(dataset.PerFrameFunctionalGroupsSequence):
+        groups = [frame, *dataset.get("SharedFunctionalGroupsSequence", [])]
+        place = [_placing(groups, name, number, *which) for which in _PLACING]
+        told = dict(_told(groups, dimensions))
+        found.append(Slice(*place, (int(dataset.Rows), int(dataset.Columns)), (name, number), told))
+    return found
+
+
+def frames_of(name: str, numbers: Sequence[int]) -> np.ndarray:
+    """Grey levels of frames, each with its own slope and intercept.
+
+    Parameters
+    ----------
+    name : str
+        File that `slices_of` has read.
+    numbers : sequence of int
+        From 0.
+
+    Returns
+    -------
+    (n, rows, columns) ndarray
+
+    Raises
+    ------
+    ValueError
+        If they cannot be decoded.
+    """
+    import highdicom
+
+    try:
+        image = highdicom.imread(name)
+        # As ITK and Slicer show them: neither units of measurement nor inverted greys are applied.
+        return image.get_frames(
+            [number + 1 for number in numbers],
+            dtype=np.float32,
+            apply_real_world_transform=False,
+            apply_presentation_lut=False,
+        )
+    except Exception as error:
+        raise ValueError(_not_decoded(name, error)) from error
+
+
+def segments_of(name: str) -> dict[int, str]:
+    """Numbers and names of the segments of a DICOM segmentation.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    dict of int to str
+
+    Raises
+    ------
+    ValueError
+        If highdicom is not installed.
+    """
+    segmentation = _segmentation(name)
+    numbers = segmentation.segment_numbers
+    return {number: str(segmentation.get_segment_description(number).segment_label) for number in numbers}
+
+
+def segment_in(name: str, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Voxels of one segment of a DICOM segmentation.
+
+    Parameters
+    ----------
+    name : str
+    number : int
+        Of the segment, from `segments_of`.
+
+    Returns
+    -------
+    mask : (nk, nj, ni) ndarray of bool
+        Slices without a frame are empty.
+    ijk_to_lps : (4, 4) ndarray
+
+    Raises
+    ------
+    ValueError
+        If its frames make no grid, or cannot be decoded.
+    """
+    segmentation = _segmentation(name)
+    _check_step(segmentation, name)
+    try:
+        volume = segmentation.get_volume(segment_numbers=[number], combine_segments=False, dtype=np.float32)
+    except RuntimeError as error:
+        if "volume" not in str(error):
+            raise ValueError(_not_decoded(name, error)) from error
+        msg = f"The frames of {name} are not in even steps along their normal ({_reason(error)}); export it again."
+        raise ValueError(msg) from error
+    # Fractions of a voxel count from a half.
+    mask = volume.array[..., 0] >= 0.5
+    # highdicom counts slices, rows, columns: the other way round than here.
+    matrix = volume.affine[:, [2, 1, 0, 3]]
+    _check_places(name, np.linalg.inv(matrix), matrix)
+    return mask, matrix
+
+
+def _check_step(segmentation, name: str) -> None:
+    """Refuse a segmentation of which the distance of its slices is not known, as those without voxels are left out."""
+    groups = [*segmentation.get("SharedFunctionalGroupsSequence", []), *segmentation.PerFrameFunctionalGroupsSequence]
+    if _element(groups, "PixelMeasuresSequence", "SpacingBetweenSlices"):
+        return
+    thickness = float(_element(groups, "PixelMeasuresSequence", "SliceThickness") or np.inf)
+    heights = np.unique(np.round([each.position @ each.normal for each in slices_of(name)], 3))
+    if len(heights) < 2 or np.diff(heights).min() > _MOST_THICKNESSES * thickness:
+        msg = (
+            f"{name} does not tell the distance of its slices (SpacingBetweenSlices), and its frames do not lie beside "
+            "each other; export it again with all of its slices."
+        )
+        raise ValueError(msg)
+
+
+def _check_places(name: str, lps_to_ijk: np.ndarray, ijk_to_lps: np.ndarray) -> None:
+    """Refuse frames that highdicom has straightened: it tolerates stacks that are tilted by up to 2.5 degrees."""
+    places = np.array([each.position for each in slices_of(name)])
+    ijk = places @ lps_to_ijk[:3, :3].T + lps_to_ijk[:3, 3]
+    off = np.linalg.norm((ijk - np.round(ijk * [0, 0, 1])) @ ijk_to_lps[:3, :3].T, axis=1).max()
+    if off > _MOST_OFF:
+        msg = (
+            f"The frames of {name} are shifted against each other by up to {off:.1f} mm beside their normal, which is "
+            "no even grid; resample the segmentation to one, or give it as a .seg.nrrd file of 3D Slicer."
+        )
+        raise ValueError(msg)
+
+
+# ------------------------------------------------------------------ highdicom and functional groups
+
+
+def _require_highdicom(name: str) -> None:
+    if importlib.util.find_spec("highdicom") is None:
+        msg = (
+            f"{name} is a DICOM file with several frames, which needs the package highdicom (Python 3.10 or "
+            "newer); install it with: pip install highdicom."
+        )
+        raise ValueError(msg)
+
+
+def _segmentation(name: str):
+    _require_highdicom(name)
+    import highdicom
+
+    try:
+        return highdicom.seg.segread(name)
+    except Exception as error:
+        msg = f"{name} cannot be read as a DICOM segmentation ({_reason(error)}); export it again."
+        raise ValueError(msg) from error
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+
+
+def _not_decoded(name: str, error: Exception) -> str:
+    return (
+        f"The frames of {name} cannot be decoded ({_reason(error)}); decompress it first, for example with gdcmconv "
+        "--raw, or install the package python-gdcm."
+    )
+
+
+def _placing(groups: Sequence, name: str, number: int, sequence: str, keyword: str, count: int) -> np.ndarray:
+    """Numbers that place a frame."""
+    value = _element(groups, sequence, keyword)
+    try:
+        values = np.array([] if value is None else value, dtype=float)
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        found = f"no {keyword}" if value is None else f"{keyword} {value}"
+        msg = (
+            f"Frame {number + 1} of {name} has {found}, so that its place in the patient is not known; {count} numbers "
+            "are needed. Export the series again from where it was acquired."
+        )
+        raise ValueError(msg)
+    return values
+
+
+def _element(groups: Sequence, sequence: str, keyword: str):
+    """Value in the first of the functional groups that has it; None if none has."""
+    for group in groups:
+        for item in group.get(sequence, []):
+            if keyword in item:
+                return item.get(keyword)
+    return None
+
+
+def _dimensions(dataset) -> list[str]:
+    """Names of the dimensions that the file counts its frames by."""
+    from pydicom.datadict import keyword_for_tag
+
+    pointers = [item.get("DimensionIndexPointer") for item in dataset.get("DimensionIndexSequence", [])]
+    return [keyword_for_tag(pointer) or str(pointer) for pointer in pointers if pointer is not None]
+
+
+def _told(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Properties that may tell a frame from others at its place."""
+    for sequence, keyword in _TELLING:
+        value = _element(groups, sequence, keyword)
+        if value is not None:
+            yield keyword, "\\".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    indices = _element(groups, "FrameContentSequence", "DimensionIndexValues")
+    if indices is not None:
+        for number, index in enumerate(np.atleast_1d(indices)):
+            name = dimensions[number] if number < len(dimensions) else f"dimension {number + 1}"
+            yield f"{name} index", str(index)

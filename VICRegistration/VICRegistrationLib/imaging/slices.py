@@ -1,0 +1,327 @@
+"""Images of a stack and the grid that their positions make, or the reason why they make none.
+
+Nothing is taken from names, numbers or thicknesses: slices are a volume if they have one orientation and one pixel
+spacing, and their positions lie on a line in even steps. The line may be inclined to the slices (a tilted gantry).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .volumes import volume_index
+
+# Scanners write positions with two digits or more: what is farther off than this was not acquired there. A slice that
+# is missing shows as a fifth of a step or more.
+_MOST_MM, _MOST_STEPS = 0.1, 0.1
+# Two images nearer than this are at one place, mm.
+_SAME_PLACE = 0.01
+# Largest difference of direction cosines within one orientation, and from perpendicular unit vectors.
+_SAME_DIRECTION, _PERPENDICULAR = 1e-3, 1e-2
+_SAME_SPACING = 1e-3
+# A tilt that is told, degrees.
+_TOLD_TILT = 0.1
+_PLANES = ("sagittal", "coronal", "axial")
+_OTHER_SERIES = "Choose another series, or put the images that belong together into a folder of their own."
+# So many values are listed before the rest is only counted.
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """One image of a stack.
+
+    Parameters
+    ----------
+    position : (3,) ndarray
+        Centre of its first pixel, LPS mm.
+    orientation : (6,) ndarray
+        Directions along its rows and along its columns (LPS), as DICOM's ImageOrientationPatient has them.
+    spacing : (2,) ndarray
+        Distance of its rows and of its columns, mm, as DICOM's PixelSpacing has them.
+    shape : (int, int)
+        Number of rows and columns.
+    source : (str, int)
+        File, and number in the file from 0.
+    told : dict of str to str
+        What may tell it from other images at its place: echo time, time point and so on.
+    """
+
+    position: np.ndarray
+    orientation: np.ndarray
+    spacing: np.ndarray
+    shape: tuple[int, int]
+    source: tuple[str, int]
+    told: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit vector from one slice to the next, LPS, shape (3,)."""
+        normal = np.cross(self.orientation[:3], self.orientation[3:])
+        return normal / np.linalg.norm(normal)
+
+    @property
+    def plane(self) -> str:
+        """The plane of the body that it is nearest to."""
+        return _PLANES[int(np.argmax(np.abs(self.normal)))]
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Slices in the order of their positions.
+
+    Parameters
+    ----------
+    slices : list of Slice
+        Along their normal.
+    ijk_to_lps : (4, 4) ndarray
+        Takes column, row and number of the slice to LPS mm.
+    tilt : float
+        Angle between the line of the positions and the slices' normal, degrees.
+    """
+
+    slices: list[Slice]
+    ijk_to_lps: np.ndarray
+    tilt: float
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        if self.tilt < _TOLD_TILT:
+            return ()
+        return (
+            f"the slices are stacked at {self.tilt:.1f} degrees to their normal (a tilted gantry); they are placed as "
+            "they were acquired",
+        )
+
+
+def stacked(slices: Sequence[Slice], what: str, frame: int | None = None) -> Stack:
+    """Put slices in the order of their positions, and work out the grid that they make.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        In any order.
+    what : str
+        What they are, for messages: "the DICOM series in FOLDER".
+    frame : int, optional
+        Which volume to take, from 1, where there are several (time points, echoes, orientations).
+
+    Returns
+    -------
+    Stack
+
+    Raises
+    ------
+    ValueError
+        If they are no volume; the sentence names the cause and the way out.
+    """
+    _check_alike(slices, what)
+    volumes, why = _volumes(slices, what)
+    index = volume_index(frame, len(volumes), what, f"{_capital(what)} holds {why}")
+    return _grid(volumes[index], what if len(volumes) == 1 else f"frame {index + 1} of {what}")
+
+
+# ------------------------------------------------------------------ several volumes in one series
+
+
+def _check_alike(slices: Sequence[Slice], what: str) -> None:
+    """Refuse slices of different sizes or pixel spacings, and directions that are none."""
+    for each in slices:
+        along = each.orientation.reshape(2, 3)
+        if np.abs(along @ along.T - np.eye(2)).max() > _PERPENDICULAR or not np.all(each.spacing > 0.0):
+            msg = (
+                f"{_capital(what)} holds an image with the directions {_numbers(each.orientation)} and the pixel "
+                f"spacing {_numbers(each.spacing)} mm; perpendicular directions of length 1 and positive lengths are "
+                "needed. Export the series again from where it was acquired."
+            )
+            raise ValueError(msg)
+    shapes = sorted({each.shape for each in slices})
+    if len(shapes) > 1:
+        sizes = ", ".join(f"{columns} x {rows}" for rows, columns in shapes)
+        msg = f"{_capital(what)} holds images of {sizes} pixels; one size is needed. {_OTHER_SERIES}"
+        raise ValueError(msg)
+    spacings = np.array([each.spacing for each in slices])
+    if np.any(np.ptp(spacings, axis=0) > _SAME_SPACING * spacings.min(axis=0)):
+        low, high = spacings.min(axis=0), spacings.max(axis=0)
+        msg = (
+            f"{_capital(what)} holds images with pixel spacings from {_numbers(low)} mm to {_numbers(high)} mm; one is "
+            f"needed. {_OTHER_SERIES}"
+        )
+        raise ValueError(msg)
+
+
+def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str]:
+    """Take apart what cannot be one volume; and what there is several of, in words."""
+    oriented = _by_orientation(slices)
+    if len(oriented) == 1:
+        return _at_places(slices, what)
+    found = []
+    for group in oriented:
+        try:
+            found += _at_places(group, what)[0]
+        except ValueError:
+            # It is no volume, which is told if it is chosen.
+            found.append(group)
+    planes = ", ".join(f"{len(group)} {group[0].plane}" for group in oriented)
+    return found, f"images of {len(oriented)} orientations (a localizer?): {planes}"
+
+
+def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str]:
+    """Take images of one orientation apart that are at one place."""
+    places = _places(slices)
+    most = max(map(len, places))
+    if most == 1:
+        return [list(slices)], ""
+    if len(places) == 1:
+        msg = (
+            f"{_capital(what)} holds {len(slices)} images that are all at one place (ImagePositionPatient): a time "
+            "series, or positions that were removed. A volume needs several places; choose another series."
+        )
+        raise ValueError(msg)
+    count = f"{most} images at each of its {len(places)} places"
+    key = _telling(places, most)
+    if key:
+        values = sorted({_value(each, key) for each in slices})
+        groups = [[each for each in slices if _value(each, key) == value] for value in values]
+        return groups, f"{count} ({' and '.join(key)}: {_listed([_words(value) for value in values])})"
+    if min(map(len, places)) == most:
+        ordered = [sorted(place, key=_number) for place in places]
+        return [list(group) for group in zip(*ordered)], f"{count}, told apart by their numbers only"
+    twice = next(place for place in places if len(place) == most)
+    (one, number), (other, second) = (each.source for each in twice[:2])
+    names = f"{one} and {other}" if one != other else f"frames {number + 1} and {second + 1} of {one}"
+    msg = (
+        f"{_capital(what)} holds {len(slices)} images at {_count(len(places), 'place')}, so that some places have "
+        f"several: {names} are at one. Remove what is there twice, or choose another series."
+    )
+    raise ValueError(msg)
+
+
+def _by_orientation(slices: Sequence[Slice]) -> list[list[Slice]]:
+    """Group slices of one orientation, the largest group first."""
+    groups: list[list[Slice]] = []
+    for each in slices:
+        for group in groups:
+            if np.abs(each.orientation - group[0].orientation).max() <= _SAME_DIRECTION:
+                group.append(each)
+                break
+        else:
+            groups.append([each])
+    return sorted(groups, key=len, reverse=True)
+
+
+def _places(slices: Sequence[Slice]) -> list[list[Slice]]:
+    """Slices that lie in one plane, along their normal."""
+    heights = np.array([each.position for each in slices]) @ slices[0].normal
+    order = np.argsort(heights, kind="stable")
+    starts = np.flatnonzero(np.diff(heights[order]) > _SAME_PLACE) + 1
+    return [[slices[number] for number in part] for part in np.split(order, starts)]
+
+
+def _telling(places: list[list[Slice]], most: int) -> tuple[str, ...]:
+    """Find what tells the images of a place apart, alike at all places: one property, or two together."""
+    names = list(dict.fromkeys(name for place in places for each in place for name in each.told))
+    for size in (1, 2):
+        for key in itertools.combinations(names, size):
+            found = [[_value(each, key) for each in place] for place in places]
+            if all(len(set(values)) == len(values) for values in found) and len(set(sum(found, []))) == most:
+                return key
+    return ()
+
+
+def _value(each: Slice, key: tuple[str, ...]) -> tuple[tuple[float, str], ...]:
+    """Values of properties; numbers are in the order of numbers."""
+    return tuple(_sortable(each.told.get(name, "")) for name in key)
+
+
+def _sortable(text: str) -> tuple[float, str]:
+    try:
+        return float(text), text
+    except ValueError:
+        return np.inf, text
+
+
+def _number(each: Slice) -> tuple[tuple[float, str], int]:
+    return _sortable(each.told.get("InstanceNumber", "")), each.source[1]
+
+
+# ------------------------------------------------------------------ one volume
+
+
+def _grid(slices: Sequence[Slice], what: str) -> Stack:
+    """Order slices of one orientation, one at each place, and fit a line in even steps to their positions."""
+    normal = slices[0].normal
+    places = _places(slices)
+    ordered = [each for place in places for each in place]
+    count = len(places)
+    if count < 2:
+        msg = f"{_capital(what)} holds a single slice; a surface needs several slices of one series."
+        raise ValueError(msg)
+    if len(ordered) > count:
+        msg = f"{_capital(what)} holds {len(ordered)} images at {count} places; one at each is needed. {_OTHER_SERIES}"
+        raise ValueError(msg)
+    positions = np.array([each.position for each in ordered])
+    numbers = np.arange(count) - (count - 1) / 2.0
+    step = numbers @ positions / (numbers @ numbers)
+    off = positions - positions.mean(axis=0) - numbers[:, None] * step
+    heights = off @ normal
+    most = min(_MOST_MM, _MOST_STEPS * abs(step @ normal))
+    if np.abs(heights).max() > most:
+        raise ValueError(_about_uneven(positions @ normal, what))
+    sideways = np.linalg.norm(off - heights[:, None] * normal, axis=1)
+    if sideways.max() > most:
+        steps = np.diff(off, axis=0)
+        shift = np.linalg.norm(steps - np.median(steps, axis=0), axis=1).max()
+        msg = (
+            f"{_capital(what)} holds slices that are shifted sideways against their neighbours by up to {shift:.1f} "
+            "mm, which is no volume (slabs that were centred one by one?). Choose another series, or put one "
+            "slab into a folder of its own."
+        )
+        raise ValueError(msg)
+    directions = np.mean([each.orientation for each in ordered], axis=0).reshape(2, 3)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    row, column = ordered[0].spacing
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([directions[0] * column, directions[1] * row, step], axis=1)
+    matrix[:3, 3] = positions.mean(axis=0) + numbers[0] * step
+    return Stack(ordered, matrix, float(np.degrees(np.arccos(min(1.0, step @ normal / np.linalg.norm(step))))))
+
+
+def _about_uneven(heights: np.ndarray, what: str) -> str:
+    """Sentence about slices that are not in even steps."""
+    gaps = np.diff(heights)
+    steps = gaps / gaps.min()
+    apart = f"{_capital(what)} holds slices that are {gaps.min():.2f} to {gaps.max():.2f} mm apart"
+    missing = int(np.round(steps).sum()) - len(gaps)
+    if missing and np.abs(steps - np.round(steps)).max() < _MOST_STEPS:
+        return f"{apart}, so {_count(missing, 'slice')} may be missing. Copy the series again, with all of its slices."
+    return f"{apart}; even distances are needed. Choose another series, or resample this one to even steps."
+
+
+# ------------------------------------------------------------------ words
+
+
+def _capital(what: str) -> str:
+    """Begin a sentence, but not with another file name."""
+    return what[0].upper() + what[1:] if what.startswith(("the ", "frame ")) else what
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _words(value: tuple[tuple[float, str], ...]) -> str:
+    return " and ".join(text or "none" for _, text in value)
+
+
+def _listed(texts: Sequence[str]) -> str:
+    rest = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    return ", ".join(texts[:_LISTED]) + rest

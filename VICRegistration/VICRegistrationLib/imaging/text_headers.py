@@ -1,0 +1,115 @@
+"""What the headers of NRRD, MetaImage and VTK files tell of a grid: ITK takes 1 mm and 0 for what they do not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+# Longest header that is looked through; Slicer's segmentations have some hundred kB.
+_MOST_BYTES = 1 << 20
+_VECTOR = re.compile(r"\([^)]*\)|none", re.IGNORECASE)
+_SIDES = {"left", "right", "anterior", "posterior", "superior", "inferior"}
+_SHORT_SPACES = {"lps", "ras", "las", "lpst"}
+# ITK leaves the axes of these as they are, and takes them for left, posterior and superior.
+_NOT_TURNED = {"rast", "last", "right-anterior-superior-time", "left-anterior-superior-time"}
+_MILLIMETRES = {"", "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
+_META_DIRECTIONS, _META_ORIGINS = {"transformmatrix", "rotation", "orientation"}, {"offset", "origin", "position"}
+_NO_AXES = "which way its axes point; they were taken as left, posterior and superior, as ITK and 3D Slicer do"
+_NO_ORIGIN = "where its first voxel is; that was taken as 0, 0, 0"
+
+
+def notes_about(path: Path, kind: str) -> list[str]:
+    """Check that a file tells the distances of its voxels, and collect what else it does not tell.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        ITK's name of the format: "NrrdImageIO", "MetaImageIO", "VTKImageIO", ...
+
+    Returns
+    -------
+    list of str
+        A sentence each.
+
+    Raises
+    ------
+    ValueError
+        If a distance is missing, or not in mm.
+    """
+    with path.open("rb") as file:
+        head = file.read(_MOST_BYTES).decode("latin-1")
+    if kind == "NrrdImageIO":
+        return _about_nrrd(path, head)
+    if kind == "MetaImageIO":
+        return _about_meta(path, head)
+    if kind == "VTKImageIO" and not re.search(r"^(SPACING|ASPECT_RATIO)\s", head.split("POINT_DATA")[0], re.M | re.I):
+        raise ValueError(_no_distances(path, "SPACING"))
+    return _left_open(path, kind not in ("VTKImageIO", "GiplImageIO"), True)
+
+
+def _about_nrrd(path: Path, head: str) -> list[str]:
+    fields = _fields(r"^([^:#\n]+):(?!=)(.*)$", re.split(r"\r?\n\r?\n", head, maxsplit=1)[0])
+    vectors = [each.lower() for each in _VECTOR.findall(fields.get("space directions", ""))]
+    distances = [text for text in fields.get("spacings", "").split() if text.lower() != "nan"]
+    # One axis of four may count values of a voxel.
+    if len(vectors) - vectors.count("none") < 3 and len(distances) < 3:
+        raise ValueError(_no_distances(path, "space directions"))
+    units = re.findall(r'"([^"]*)"', fields.get("space units", "") or fields.get("units", ""))
+    _check_unit(path, next((unit for unit in units[:3] if unit.lower() not in _MILLIMETRES), ""))
+    space = fields.get("space", "").lower()
+    if space in _NOT_TURNED:
+        msg = f"{path} is in the space {space}, which is not understood; save one volume of it as a file of its own."
+        raise ValueError(msg)
+    has_axes = bool(vectors) and (space in _SHORT_SPACES or len(_SIDES & set(space.split("-"))) == 3)
+    return _left_open(path, has_axes, bool({"space origin", "axis mins"} & set(fields)))
+
+
+def _about_meta(path: Path, head: str) -> list[str]:
+    fields = _fields(r"^\s*(\w+)\s*=(.*)$", head.split("ElementDataFile", maxsplit=1)[0])
+    if not {"elementspacing", "elementsize"} & set(fields):
+        raise ValueError(_no_distances(path, "ElementSpacing"))
+    unit = fields.get("distanceunits", "")
+    _check_unit(path, "" if unit.lower() in {*_MILLIMETRES, "?"} else unit)
+    placed = [bool(names & set(fields)) for names in (_META_DIRECTIONS, _META_ORIGINS)]
+    return _left_open(path, *placed)
+
+
+def _left_open(path: Path, has_axes: bool, has_origin: bool) -> list[str]:
+    """Sentence about what places an image and is not told."""
+    missing = [text for text, told in ((_NO_AXES, has_axes), (_NO_ORIGIN, has_origin)) if not told]
+    return [f"{path}: it does not tell {text}" for text in missing]
+
+
+def _fields(pattern: str, head: str) -> dict[str, str]:
+    return {key.strip().lower(): text.strip() for key, text in re.findall(pattern, head, re.MULTILINE)}
+
+
+def _check_unit(path: Path, unit: str) -> None:
+    if unit:
+        msg = f"{path} gives its lengths in {unit}; millimetres are needed. Convert it, or correct its header."
+        raise ValueError(msg)
+
+
+def _no_distances(path: Path, field: str) -> str:
+    return (
+        f"{path} does not tell the distances of its voxels (no {field} for each of its three axes); write them into "
+        "its header, or give the file that it was made of."
+    )
+
+
+def check_spacing(path: Path, spacing: np.ndarray) -> None:
+    """Refuse a distance of voxels that is none.
+
+    Raises
+    ------
+    ValueError
+        If one is not a positive number.
+    """
+    if np.isfinite(spacing).all() and np.all(np.asarray(spacing) > 0.0):
+        return
+    steps = " x ".join(f"{step:g}" for step in spacing)
+    msg = f"{path} has the voxel spacing {steps} mm; every spacing must be positive. Correct the file's header."
+    raise ValueError(msg)

@@ -1,0 +1,52 @@
+"""Which volume is meant, where a file or a series holds several."""
+
+from __future__ import annotations
+
+
+class SeveralVolumes(ValueError):
+    """There are several volumes, and none was chosen.
+
+    Parameters
+    ----------
+    found : str
+        A sentence without its full stop: what there is.
+    count : int
+    """
+
+    def __init__(self, found: str, count: int) -> None:
+        super().__init__(f"{found}; one volume is needed. Choose it with --frame 1 to --frame {count}.")
+        self.found = found
+
+
+def volume_index(frame: int | None, count: int, what: str, found: str = "") -> int:
+    """Index of the volume that is meant.
+
+    Parameters
+    ----------
+    frame : int, optional
+        Its number from 1.
+    count : int
+        How many there are.
+    what : str
+        What holds them, for messages.
+    found : str
+        Sentence about them, without its full stop.
+
+    Returns
+    -------
+    int
+        From 0.
+
+    Raises
+    ------
+    SeveralVolumes
+        If there are several and none was chosen.
+    ValueError
+        If there is none of this number.
+    """
+    if frame is not None and not 1 <= frame <= count:
+        msg = f"--frame {frame} was given, but {what} holds {count} volume{'' if count == 1 else 's'}."
+        raise ValueError(msg)
+    if frame is None and count > 1:
+        raise SeveralVolumes(found or f"{what} holds {count} volumes", count)
+    return (frame or 1) - 1
