@@ -508,6 +508,6 @@ def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path
 
 
 def test_sigterm_leaves_nothing_behind(image_path, output, monkeypatch):
-    monkeypatch.setattr(fitting, "read_told", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
+    monkeypatch.setattr(fitting, "read_with_warnings", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
     assert cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--no-pictures"]) == 143
     assert [path.name for path in output.iterdir()] == ["notes.txt"]

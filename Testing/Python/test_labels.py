@@ -7,7 +7,7 @@ import pytest
 import SimpleITK as sitk
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.labels import read_label
+from VICRegistrationLib.imaging.labels import few_values, read_label
 from VICRegistrationLib.imaging.reading import write_image
 
 SEGMENTS = ({"Name": "Bladder", "LabelValue": "1", "Layer": "0"}, {"Name": "rectum", "LabelValue": "4", "Layer": "0"})
@@ -94,3 +94,69 @@ def test_what_is_no_label_image_is_refused(tmp_path):
     path = written(tmp_path / "gone.seg.nrrd", [blocks(), 0 * blocks()], (*SEGMENTS, gone))
     with pytest.raises(ValueError, match=r"the segment 9 \(gone\) has no voxels"):
         read_label(path, "gone")
+
+
+def test_labels_that_resampling_has_put_off_are_read(tmp_path):
+    noise = np.random.default_rng(0).uniform(-9e-4, 9e-4, blocks().shape)
+    path = written(tmp_path / "label.nrrd", (blocks() + noise).astype(np.float32))
+    np.testing.assert_array_equal(read_label(path, 4)[0].array, blocks() == 4)
+    with pytest.raises(ValueError, match="holds 4.002; a label image holds whole numbers"):
+        read_label(written(tmp_path / "far.nrrd", (blocks() * 1.0005).astype(np.float32)))
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+@pytest.mark.parametrize("extent", [False, True])
+def test_segments_of_slicer_before_4_11_are_layers_of_ones(tmp_path, spatial, extent):
+    """A list of layers with the space, or (Slicer 4.5) four axes of one space without a name; ones without a value."""
+    bladder, rectum = (blocks() == 1).astype(np.uint8), (blocks() == 4).astype(np.uint8)
+    rectum[3, 3, 3] = 1
+    head = ["NRRD0005", "type: uint8", "dimension: 4", "encoding: raw"]
+    if spatial:
+        data = np.stack([bladder, rectum]).tobytes()
+        head += [
+            "space dimension: 4",
+            "sizes: 10 9 8 2",
+            "space directions: (1,0,0,0) (0,1.5,0,0) (0,0,2,0) (0,0,0,1)",
+            "kinds: domain domain domain domain",
+            "space origin: (7,8,9,0)",
+        ]
+    else:
+        data = np.stack([bladder, rectum], axis=-1).tobytes()
+        head += [
+            "space: left-posterior-superior",
+            "sizes: 2 10 9 8",
+            "space directions: none (1,0,0) (0,1.5,0) (0,0,2)",
+            "kinds: list domain domain domain",
+            "space origin: (7,8,9)",
+        ]
+    head += ["Segmentation_MasterRepresentation:=Binary labelmap"]
+    head += ["Segmentation_Extent:=0 9 0 8 0 7"] * extent
+    for number, name in enumerate(("bladder", "rectum")):
+        head += [f"Segment{number}_ID:=Segment_{number + 1}", f"Segment{number}_Name:={name}"]
+        head += [f"Segment{number}_Extent:=0 9 0 8 0 7"]
+    path = tmp_path / "old.seg.nrrd"
+    path.write_bytes("\n".join([*head, "", ""]).encode() + data)
+    for name, expected in (("bladder", bladder), ("Rectum", rectum)):
+        mask, segment = read_label(path, name, warn=lambda note: None)
+        np.testing.assert_array_equal(mask.array, expected == 1)
+        np.testing.assert_allclose(mask.ijk_to_ras[:3], np.column_stack([np.diag([-1, -1.5, 2]), [-7, -8, 9]]))
+        assert (segment.value, segment.name) == (1, name.lower())
+    with pytest.raises(ValueError, match=r"holds 2 labels, 1 \(bladder\), 1 \(rectum\); choose one"):
+        read_label(path)
+
+
+def test_one_segment_of_slicer_before_4_11_has_its_name(tmp_path):
+    one = {"ID": "Segment_1", "Name": "bladder"}
+    path = written(tmp_path / "old.seg.nrrd", (blocks() == 1).astype(np.uint8), (one,))
+    assert str(read_label(path, "bladder")[1]) == "1 (bladder)"
+
+
+def test_an_image_of_few_values_looks_like_a_label_map():
+    matrix = np.eye(4)
+    assert few_values(Image(blocks(), matrix)) == 3
+    assert few_values(Image(blocks().astype(np.float32), matrix)) == 3
+    # A constant image is something else, and so are an MRI of 8 bits and a map of fractions.
+    assert few_values(Image(0 * blocks(), matrix)) == 0
+    grey = np.random.default_rng(0).integers(0, 256, (20, 20, 20)).astype(np.uint8)
+    assert few_values(Image(grey, matrix)) == 0
+    assert few_values(Image(blocks() / 8.0, matrix)) == 0

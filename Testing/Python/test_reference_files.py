@@ -9,8 +9,9 @@ from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import ReferenceMesh
+from VICRegistrationLib.analysis.comparison import compare, distances_from
+from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh
+from VICRegistrationLib.analysis.mirrored import mirrored
 from VICRegistrationLib.analysis.references import read_reference
 from VICRegistrationLib.export.mesh_files import write_mesh
 from VICRegistrationLib.export.surface_data import add_text, polydata
@@ -110,6 +111,111 @@ def test_what_is_no_closed_mesh_is_refused_with_its_name(surface, tmp_path):
             read_reference(path)
         with pytest.raises(OSError, match=r"cannot be read \(No such file or directory\); give a file that exists"):
             read_reference(tmp_path / f"missing{suffix}")
+
+
+def lines_of_stl(points, triangles):
+    """ASCII STL as most programs write it."""
+    yield "solid organ"
+    for triangle in triangles:
+        yield "  facet normal 0 0 0"
+        yield "    outer loop"
+        yield from (f"      vertex {x:.9g} {y:.9g} {z:.9e}" for x, y, z in points[triangle])
+        yield "    endloop"
+        yield "  endfacet"
+    yield "endsolid organ"
+
+
+@pytest.mark.parametrize(
+    "written_as",
+    [
+        str,
+        str.upper,
+        lambda text: text.replace("\n", "\r\n").upper(),
+        lambda text: text.replace("vertex", "Vertex").replace("facet", "Facet"),
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace("solid organ", "solid"),
+    ],
+)
+def test_all_ways_to_write_stl_as_text(surface, tmp_path, written_as):
+    mesh = triangulate(surface)
+    path = tmp_path / "organ.stl"
+    text = "\n".join(lines_of_stl(mesh.points, mesh.triangles)) + "\n"
+    path.write_bytes(written_as(text).encode("utf-8"))
+    assert depth(read_reference(path, frame="RAS").reference) == pytest.approx(-8.0, abs=0.1)
+
+
+@pytest.mark.parametrize("header", [b"solid organ", b"SOLID organ", b"solid organ\n facet normal 0 0 0\n"])
+def test_a_binary_stl_that_begins_as_text(surface, tmp_path, header):
+    mesh = triangulate(surface)
+    path = tmp_path / "organ.stl"
+    write_mesh(surface, path, name="organ")
+    path.write_bytes(header.ljust(80) + path.read_bytes()[80:])
+    read = read_reference(path, frame="LPS")
+    assert depth(read.reference) == pytest.approx(-8.0, abs=0.1)
+    assert len(read.reference.triangles) == len(mesh.triangles)
+
+
+@pytest.mark.parametrize("noise", [1e-15, 1e-6])
+def test_corners_that_differ_by_rounding_are_one(surface, tmp_path, noise):
+    mesh = triangulate(surface)
+    # As in STL: each triangle has corners of its own, here with other last digits, near 0 too.
+    corners = mesh.points[mesh.triangles].reshape(-1, 3) - CENTER
+    corners += np.random.default_rng(0).uniform(-noise, noise, corners.shape)
+    path = written(tmp_path / "organ.vtk", corners, np.arange(len(corners)).reshape(-1, 3))
+    reference = read_reference(path, frame="RAS").reference
+    assert len(reference.points) == len(mesh.points)
+    assert enclosed_volume(reference.points, reference.triangles) == pytest.approx(surface.volume(), rel=0.01)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_triangles_that_are_there_twice_count_once(surface, tmp_path, turned):
+    mesh = triangulate(surface)
+    again = mesh.triangles[:, ::-1] if turned else np.roll(mesh.triangles, 1, axis=1)
+    path = written(tmp_path / "organ.stl", mesh.points, np.concatenate([mesh.triangles, again[::-1]]))
+    reference = read_reference(path, frame="RAS").reference
+    assert len(reference.triangles) == len(mesh.triangles)
+    assert enclosed_volume(reference.points, reference.triangles) == pytest.approx(surface.volume(), rel=0.01)
+    assert compare(surface, reference, n_points=500).volume_dice > 0.99
+
+
+def test_some_triangles_that_are_there_twice_count_once(surface, tmp_path):
+    mesh = triangulate(surface)
+    path = written(tmp_path / "organ.stl", mesh.points, np.concatenate([mesh.triangles, mesh.triangles[10:30]]))
+    assert len(read_reference(path, frame="RAS").reference.triangles) == len(mesh.triangles)
+
+
+@pytest.mark.parametrize(
+    ("signs", "sides"),
+    [
+        ((-1.0, -1.0, 1.0), "left and right, and front and back"),
+        ((-1.0, 1.0, 1.0), "left and right"),
+        ((1.0, 1.0, -1.0), "top and bottom"),
+        ((1.0, 1.0, 1.0), ""),
+    ],
+)
+def test_a_mirrored_mesh_is_suspected(surface, signs, sides):
+    mesh = triangulate(surface)
+    reference = closed_mesh(ReferenceMesh(mesh.points * signs, mesh.triangles))
+    dice = compare(surface, reference, n_points=200).volume_dice
+    found, better = mirrored(surface, reference, dice)
+    assert found == sides
+    assert better > 0.99
+
+
+def test_a_label_image_that_was_turned_over_on_its_grid_is_suspected(surface, tmp_path):
+    matrix = np.eye(4)
+    # The organ is not in the middle of the grid, nor the grid at the origin.
+    matrix[:3, 3] = CENTER - [10.0, 16.0, 15.0]
+    k, j, i = np.indices((32, 32, 32))
+    away = np.stack([i, j, k], axis=-1) + matrix[:3, 3] - CENTER
+    mask = ((away / [8.0, 10.0, 12.0]) ** 2).sum(axis=-1) < 1.0
+    found = []
+    for name, array in (("right", mask), ("over", mask[:, :, ::-1])):
+        write_image(Image(array, matrix), tmp_path / f"{name}.nii.gz")
+        read = read_reference(tmp_path / f"{name}.nii.gz")
+        dice = compare(surface, read.reference, n_points=200).volume_dice
+        found.append(mirrored(surface, read.reference, dice, center=read.center)[0])
+    assert found == ["", "left and right"]
 
 
 # ------------------------------------------------------------------ label images and surfaces

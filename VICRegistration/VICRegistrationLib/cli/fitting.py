@@ -17,7 +17,7 @@ from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
-from .images import read_told
+from .images import read_with_warnings
 from .organ_entries import FittedOrgan
 from .references import OrganReference
 from .request_checks import check_request
@@ -88,7 +88,7 @@ def fit_to_folder(
     folder = Path(folder)
     stored = _checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
     start = time.perf_counter()
-    image, notes = read_told(image_path, series=series, frame=frame)
+    image, notes = read_with_warnings(image_path, series=series, frame=frame)
     for note in notes:
         warn(f"warning: {note}")
     seconds_load = time.perf_counter() - start

@@ -10,7 +10,7 @@ from ..imaging.reading import read_image
 from .process import silenced_stderr
 
 
-def read_told(path: str | os.PathLike, *, series: str | None, frame: int | None) -> tuple[Image, list[str]]:
+def read_with_warnings(path: str | os.PathLike, *, series: str | None, frame: int | None) -> tuple[Image, list[str]]:
     """Read an image, and collect what is doubtful about it.
 
     Parameters
