@@ -219,8 +219,6 @@ def test_a_seed_outside_the_threshold(image):
 @pytest.mark.parametrize(
     "seeds",
     [
-        # The limits of all that was seen leave it out, though those of what it sees itself held it.
-        [[-35.02, 9.43, -22.03]],
         # They see nothing but their own voxels.
         [[-41.02, 3.46, -11.87], [-25.98, 25.37, -18.58], [-2.68, -15.4, 9.16]],
         [[4.46, -13.6, -34.26], [-19.16, 19.34, 2.68], [-4.8, 36.31, -3.07]],
@@ -304,7 +302,7 @@ def test_a_region_that_touches_every_face():
     cross = np.zeros((21, 21, 21), dtype=np.uint8)
     cross[8:13, 8:13, :] = cross[8:13, :, 8:13] = cross[:, 8:13, 8:13] = 100
     image = Image(cross, np.eye(4))
-    refused(lambda: separate(image, [10, 10, 10], threshold=(50, 150)), "touches all six faces", "Narrow")
+    refused(lambda: separate(image, [10, 10, 10], threshold=(50, 150)), "touches 6 of the six faces", "Narrow")
 
 
 def test_masks_that_are_no_segmentation_of_the_image(image):

@@ -27,6 +27,10 @@ SENTENCES = {
         "have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} mm). Look at the "
         "contour; if it has, narrow the threshold or increase the erosion."
     ),
+    "starts_differ": _(
+        "The organ's grey levels hold {grown_ml:.1f} ml together, the shape seen from its middle {shaped_ml:.1f} ml; "
+        "the one with more of an edge around it was taken. Look at the contour."
+    ),
     # Why a surface is no valid solid.
     "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "rim": _("The surface has a rim at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),

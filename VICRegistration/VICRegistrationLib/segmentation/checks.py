@@ -10,6 +10,8 @@ from ..messages import Diagnostic
 
 # More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
 _LARGEST_SHARE = 0.6
+# Slices that end within an organ cut it at two faces; with more than one more it is not one organ.
+_MOST_FACES = 4
 # A region this many times the volume that the rays from the seeds span has leaked.
 LEAK_FACTOR = 1.3
 # Longest side of a volume, mm: a shorter one is thinner than what is eroded from both sides, a longer one no body's.
@@ -98,12 +100,29 @@ def refuse_erosion(image, seeds, voxels, inside, erosion):
     raise ValueError(msg)
 
 
-def check_leak(image, region):
-    """Refuse a region that takes most of its volume."""
+def refuse_leak(seeds, edges, limits, factor):
+    """Say that what holds together with the seeds is many times what is seen from them."""
+    msg = (
+        f"The grey levels {limits.low:.6g} to {limits.high:.6g} around the seed {place(seeds[0])} run on into more "
+        f"than {factor:g} times the {edges.volume / 1000.0:.1f} ml seen from it: that is no organ. Place the seed "
+        "deeper in the organ, add a second one, or narrow the threshold."
+    )
+    raise ValueError(msg)
+
+
+def fills_volume(image, region):
+    """Whether a region takes most of its volume, or touches so many of its faces that it is not one organ."""
     share = np.count_nonzero(region.mask) / image.array.size
-    if share <= _LARGEST_SHARE and len(region.touches_border) < 6:
+    return share > _LARGEST_SHARE or len(region.touches_border) >= _MOST_FACES
+
+
+def check_leak(image, region):
+    """Refuse a region that takes most of its volume, or touches most of its faces."""
+    if not fills_volume(image, region):
         return
-    reach = "touches all six faces of the volume" if share <= _LARGEST_SHARE else "fills most of the volume"
+    share = np.count_nonzero(region.mask) / image.array.size
+    faces = len(region.touches_border)
+    reach = f"touches {faces} of the six faces of the volume" if share <= _LARGEST_SHARE else "fills most of the volume"
     low, high = region.threshold
     msg = (
         f"The separated region {reach} ({share:.0%} of it): with the threshold {low:.6g} to {high:.6g} it is "

@@ -32,8 +32,10 @@ _RAYS_BETWEEN = 4
 _NEAREST = 0.1
 # Rays within 15 degrees of each other are neighbours.
 _COS_AROUND = np.cos(np.deg2rad(15.0))
-# An edge is a step by this share of the level, or by this many standard deviations of the noise.
-_STEP_SHARE, _STEP_NOISE = 0.3, 4.0
+# An edge is a step by this share of the contrast around the seeds, or by this many standard deviations of the noise.
+_STEP_SHARE, _STEP_NOISE = 0.35, 4.0
+# The contrast is that within this distance, without the darkest and the brightest share; looked at in such steps.
+_SURROUNDINGS_MM, _EXTREME, _GLANCE_MM = 60.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +183,13 @@ def find_edges(image: Image, seeds) -> Edges:
     seeds = checked_seeds(image, seeds)
     step = float(image.spacing.min())
     directions = _directions(image)
-    level, noise = _levels_at(image, seeds)
+    contrast = _contrast_around(image, seeds, directions)
+    level, noise = _levels_at(image, seeds, contrast)
     rays = len(directions)
     starts, along = np.repeat(seeds, rays, axis=0), np.tile(directions, (len(seeds), 1))
+    smallest = np.maximum(_STEP_NOISE * noise, _STEP_SHARE * contrast)
     edge, last, inner, outer, inside = _followed(
-        image, starts, along, np.repeat(level, rays), np.repeat(noise, rays), step
+        image, starts, along, np.repeat(level, rays), np.repeat(smallest, rays), step
     )
     found = edge >= 0
     middle = float(np.median(np.concatenate([inside, level])))
@@ -206,6 +210,31 @@ def find_edges(image: Image, seeds) -> Edges:
     )
 
 
+def contrast_of(levels: np.ndarray, valid: np.ndarray, radii: np.ndarray) -> float:
+    """Contrast of what rays (n, m) see nearby: it is the same whatever is added to all levels.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (n, m)
+    valid : ndarray of bool, shape (n, m)
+    radii : ndarray, shape (m,)
+        mm.
+
+    Returns
+    -------
+    float
+        Larger than 0.
+    """
+    near = levels[valid & (radii < _SURROUNDINGS_MM)]
+    low, high = np.quantile(near, [_EXTREME, 1.0 - _EXTREME]) if near.size else (0.0, 0.0)
+    return float(high - low) or float(np.ptp(near) if near.size else 0.0) or 1.0
+
+
+def noise_of(changes: np.ndarray) -> float:
+    """Scaled median of absolute differences."""
+    return 1.4826 * float(np.median(changes)) if changes.size else 0.0
+
+
 def joined(first: Edges, second: Edges, chosen: np.ndarray) -> Edges:
     """Edges of two sets of seeds in one organ, the second one's chosen only; the levels inside are the first one's."""
     both = {
@@ -222,8 +251,15 @@ def _directions(image):
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _followed(image, starts, along, level, noise, step):
-    """Follow rays to their edges.
+def _contrast_around(image, seeds, directions):
+    """Contrast in the surroundings of the seeds."""
+    radii = np.arange(0.0, _SURROUNDINGS_MM, _GLANCE_MM)
+    levels, valid = Sampler(image).values(seeds[:, None, None] + directions[:, None] * radii[:, None])
+    return contrast_of(levels, valid, radii)
+
+
+def _followed(image, starts, along, level, smallest, step):
+    """Follow rays to their edges, which are steps by at least so much.
 
     Returns the sample of each edge (-1 where there is none), the number of samples before it or within the volume, the
     levels before and behind it, and all grey levels before edges that were found.
@@ -233,7 +269,7 @@ def _followed(image, starts, along, level, noise, step):
     inside, asked = [], np.arange(len(starts))
     for reach in (_SHORT_RAY_MM, _LONGEST_RAY_MM):
         profiles, valid = _profiles(image, starts[asked], along[asked], np.arange(0.0, reach, step))
-        steps = _steps(profiles, valid, level[asked], noise[asked], step)
+        steps = _steps(profiles, valid, level[asked], smallest[asked], step)
         # The end of a short ray is nothing to judge by.
         settled = (steps[0] >= 0) & (steps[0] + _depth(step) < profiles.shape[1] - 1) | (reach == _LONGEST_RAY_MM)
         done = asked[settled]
@@ -259,7 +295,7 @@ def _depth(step):
     return max(int(round(_DEPTH_MM / step)), 2)
 
 
-def _levels_at(image, seeds):
+def _levels_at(image, seeds, contrast):
     """Robust level and noise in a ball around each seed, of the voxels on the seed's side of an edge through it.
 
     The noise is the scaled median difference of neighbours, along the axis of the grid where they differ least.
@@ -273,16 +309,12 @@ def _levels_at(image, seeds):
     differences = [np.median(np.abs(np.diff(levels, axis=axis)).reshape(len(seeds), -1), axis=1) for axis in (1, 2, 3)]
     noise = 1.4826 / np.sqrt(2.0) * np.min(differences, axis=0)
     here = levels[(slice(None), *(np.array(near.shape) // 2))]
-    own = np.abs(levels - here[:, None, None, None]) <= _smallest_step(here, noise)[:, None, None, None]
+    smallest = np.maximum(_STEP_NOISE * noise, _STEP_SHARE * contrast)
+    own = np.abs(levels - here[:, None, None, None]) <= smallest[:, None, None, None]
     return np.nanmedian(np.where(own & near, levels, np.nan).reshape(len(seeds), -1), axis=1), noise
 
 
-def _smallest_step(level, noise):
-    """Least change of the grey level that is an edge."""
-    return np.maximum(_STEP_NOISE * noise, _STEP_SHARE * np.abs(level))
-
-
-def _steps(profiles, inside_volume, level, noise, step):
+def _steps(profiles, inside_volume, level, smallest, step):
     """Find the first lasting step along each ray.
 
     Returns the sample of the edge (-1 where there is none) and the levels before and behind it.
@@ -292,7 +324,7 @@ def _steps(profiles, inside_volume, level, noise, step):
     sums = np.cumsum(np.hstack([np.zeros((len(level), 1)), before, profiles]), axis=1)
     running = (sums[:, window : window + profiles.shape[1]] - sums[:, : profiles.shape[1]]) / window
 
-    far = (np.abs(profiles - running) > _smallest_step(level, noise)[:, None]) & inside_volume
+    far = (np.abs(profiles - running) > smallest[:, None]) & inside_volume
     far[:, :-1] &= far[:, 1:]
     edge = np.where(far.any(axis=1), far.argmax(axis=1), -1)
 

@@ -12,7 +12,7 @@ from .ray_edges import find_edges, joined
 from .seeds import voxels_of
 
 # A seed is taken to be meant for a place within the limits that is this near, and this deep if there is one.
-_CLICK_MM = 4.0
+CLICK_MM = 4.0
 _DEEP_MM = 2.0
 # From places as far from all seeds as this share of the organ's radius, other parts of the organ are seen.
 _OFF_SEEDS = 0.5
@@ -65,12 +65,12 @@ def within_limits(image, limits, points):
 def _settled(image, seed, limits, *, suggested):
     """Move a seed in or near a wall to the deepest place within the limits, not farther than a click may be off."""
     voxel = voxels_of(image, seed[None])[0]
-    box, _ = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], _CLICK_MM + _DEEP_MM)
+    box, _ = ball_box(image.array, voxel, image.ijk_to_ras[:3, :3], CLICK_MM + _DEEP_MM)
     start = np.array([part.start for part in box])
     held = limits.holds(start, image.array[box])
     # Beyond the volume the organ may go on.
     depths = ndimage.distance_transform_edt(held, sampling=image.spacing[::-1])
-    near, distances = ball_box(held, voxel - start, image.ijk_to_ras[:3, :3], _CLICK_MM)
+    near, distances = ball_box(held, voxel - start, image.ijk_to_ras[:3, :3], CLICK_MM)
     if depths[tuple(voxel - start)] >= _DEEP_MM or held.all():
         return seed
     if not (held[near] & (distances < np.inf)).any():

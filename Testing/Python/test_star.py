@@ -1,0 +1,127 @@
+"""The shape of an organ from one place in it, and the choice between it and what grey levels hold together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.segmentation.edge_support import agreement, edge_support
+from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.sphere import cheapest_radii, sphere
+from VICRegistrationLib.segmentation.star_region import star_region
+from VICRegistrationLib.segmentation.star_surface import find_star
+
+RADIUS, WALL_MM = 20.0, 3.0
+HALF = 32
+
+
+def places():
+    """Voxels' places (k, j, i), mm from the middle."""
+    return np.indices((2 * HALF + 1,) * 3) - float(HALF)
+
+
+def image_of(array, *, noise=3.0):
+    matrix = np.eye(4)
+    matrix[:3, 3] = -HALF
+    return Image(np.rint(array + noise * np.random.default_rng(0).standard_normal(array.shape)), matrix)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A bright ball in a dark wall in grey tissue."""
+    radius = np.linalg.norm(places(), axis=0)
+    levels = np.where(radius < RADIUS, 150.0, np.where(radius < RADIUS + WALL_MM, 30.0, 110.0))
+    return image_of(levels), radius < RADIUS
+
+
+def dice(region, truth):
+    mask = np.zeros(truth.shape, dtype=bool)
+    mask[tuple(slice(first, first + size) for first, size in zip(region.offset, region.mask.shape))] = region.mask
+    return 2.0 * (mask & truth).sum() / (mask.sum() + truth.sum())
+
+
+def test_directions_are_symmetric_and_neighbours_go_both_ways():
+    ball = sphere()
+    flipped = {tuple(np.round(direction, 9) + 0.0) for direction in ball.directions * [-1.0, 1.0, 1.0]}
+    assert flipped == {tuple(np.round(direction, 9) + 0.0) for direction in ball.directions}
+    np.testing.assert_array_equal(ball.first[ball.back], ball.second)
+    np.testing.assert_array_equal(ball.second[ball.back], ball.first)
+
+
+def test_radii_follow_the_costs_but_not_a_single_ray_that_went_astray():
+    costs = np.zeros((len(sphere().directions), 40))
+    costs[:, 20] = -1.0
+    costs[7, 20], costs[7, 38] = 0.0, -1.0
+    radii = cheapest_radii(costs, ratio=1.05, stiffness=0.15, most=9)
+    assert set(radii.tolist()) == {20}
+
+
+@pytest.mark.parametrize("seed", [(0.0, 0.0, 0.0), (14.0, 5.0, 0.0), (0.0, -11.0, 11.0)])
+def test_a_shape_does_not_depend_on_the_place_that_was_clicked(ball, seed):
+    image, truth = ball
+    star = find_star(image, np.array(seed))
+    assert star.falls
+    np.testing.assert_allclose(star.middle, 0.0, atol=0.5)
+    np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), RADIUS, atol=1.5)
+    assert dice(star_region(image, star), truth) > 0.98
+
+
+def test_a_dark_organ_is_seen_as_well(ball):
+    image, truth = ball
+    image = Image(300.0 - image.array, image.ijk_to_ras)
+    star = find_star(image, np.array([5.0, 5.0, 5.0]))
+    assert not star.falls
+    assert dice(star_region(image, star), truth) > 0.98
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1.0, -1000.0), (1.0, 4000.0), (0.01, 0.0), (100.0, 0.0)])
+def test_what_is_an_edge_does_not_depend_on_offset_and_scale(ball, factor, offset):
+    image, _ = ball
+    seed = [10.0, 3.0, 2.0]
+    first = separate(image, seed)
+    again = separate(Image(factor * image.array + offset, image.ijk_to_ras), seed)
+    assert first.offset == again.offset
+    np.testing.assert_array_equal(first.mask, again.mask)
+
+
+def test_a_dim_patch_under_the_click_is_not_the_organ(ball):
+    image, truth = ball
+    k, j, i = places()
+    patch = np.exp(-((k - 3.0) ** 2 + j**2 + (i + 6.0) ** 2) / (2.0 * 5.0**2))
+    dimmed = Image(image.array - 70.0 * patch * truth, image.ijk_to_ras)
+    region = separate(dimmed, [-6.0, 0.0, 3.0])
+    assert dice(region, truth) > 0.97
+
+
+def test_a_lobe_behind_a_bridge_is_cut(ball):
+    image, truth = ball
+    k, j, i = places()
+    lobe = (k**2 + j**2 + (i - 27.0) ** 2 < 5.0**2) & ~truth
+    bridge = (np.hypot(k, j) < 4.0) & (i > 0) & (i < 27)
+    leaking = Image(np.where(lobe | bridge, 150.0, image.array), image.ijk_to_ras)
+    region = separate(leaking, [0.0, 0.0, 0.0])
+    grown = region.image.to_ijk(np.array([[27.0, 0.0, 0.0]]))[0]
+    inside = np.all((grown >= 0) & (grown < region.image.size))
+    assert not (inside and region.mask[tuple(np.rint(grown[::-1]).astype(int))])
+    assert dice(region, truth) > 0.97
+
+
+def test_a_catheter_and_gas_inside_belong_to_the_organ(ball):
+    image, truth = ball
+    k, j, i = places()
+    dark = ((np.hypot(j, i) < 3.0) & (np.abs(k) < 8.0)) | ((k - 12.0) ** 2 + j**2 + (i - 6.0) ** 2 < 4.0**2)
+    region = separate(Image(np.where(dark, 5.0, image.array), image.ijk_to_ras), [-10.0, 0.0, 0.0])
+    assert dice(region, truth) > 0.97
+
+
+def test_the_right_boundary_has_more_support_than_a_fragment(ball):
+    image, truth = ball
+    star = find_star(image, np.zeros(3))
+    whole = star_region(image, star)
+    fragment = separate(image, [0.0, 0.0, 0.0], threshold=(149.0, 160.0), erosion=0.0)
+    assert edge_support(image, whole, star) > 0.9
+    assert edge_support(image, fragment, star) < 0.6
+    assert agreement(whole, whole) == 1.0
+    assert agreement(whole, fragment) < 0.9
+    assert dice(whole, truth) > 0.98

@@ -1,0 +1,90 @@
+"""How much of a region's boundary the image shows as an edge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..imaging.image import Image
+from ..imaging.region import Region
+from ..imaging.sampling import Sampler
+from .star_surface import STEP_SHARE, Star, blurred
+
+# As many voxels of the boundary are looked at, at these depths across it, mm; inside first.
+_MOST_PLACES = 3000
+_DEPTHS_MM = np.array([-2.5, -1.75, -1.0, 0.5, 1.25, 2.0])
+# Normals come from the voxels within this distance.
+_AROUND_MM = 3.0
+
+
+def edge_support(image: Image, region: Region, star: Star) -> float:
+    """Mean strength of the edge along a region's boundary, from 0 to 1.
+
+    Parameters
+    ----------
+    image : Image
+    region : Region
+    star : Star
+        Tells contrast and sign of the edge.
+
+    Returns
+    -------
+    float
+        Without what the border of the volume cuts; 0 where it cuts everything.
+    """
+    voxels = _boundary(region.mask)
+    voxels = voxels[:: -(-len(voxels) // _MOST_PLACES)]
+    normals = _normals(region, voxels)
+    places = region.image.to_ras(voxels[:, ::-1].astype(float))
+    start = np.maximum(np.asarray(region.offset) - _margin(image), 0)
+    stop = np.minimum(np.asarray(region.offset) + region.mask.shape + _margin(image), image.array.shape)
+    crop = image.crop(start, stop)
+    sampler = Sampler(Image(blurred(Image(crop.array.astype(np.float32), crop.ijk_to_ras)), crop.ijk_to_ras))
+    levels, valid = sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
+    seen = valid.all(axis=1)
+    if not seen.any():
+        return 0.0
+    levels = levels[seen] if star.falls else -levels[seen]
+    falls = levels[:, :3].mean(axis=1) - levels[:, 3:].min(axis=1)
+    return float(np.maximum(np.tanh(falls / (STEP_SHARE * star.contrast)), 0.0).mean())
+
+
+def agreement(first: Region, second: Region) -> float:
+    """Dice coefficient of two regions on one grid."""
+    start = np.maximum(first.offset, second.offset)
+    stop = np.minimum(*(np.asarray(part.offset) + part.mask.shape for part in (first, second)))
+    if np.any(start >= stop):
+        return 0.0
+    masks = [
+        part.mask[tuple(slice(*ends) for ends in zip(start - part.offset, stop - part.offset))]
+        for part in (first, second)
+    ]
+    common = np.count_nonzero(masks[0] & masks[1])
+    return 2.0 * common / (np.count_nonzero(first.mask) + np.count_nonzero(second.mask))
+
+
+def _margin(image: Image) -> np.ndarray:
+    """Voxels (k, j, i) that are looked at around a region."""
+    return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
+
+
+def _boundary(mask: np.ndarray) -> np.ndarray:
+    """Voxels of a mask with a face on its outside, (n, 3) (k, j, i)."""
+    padded = np.pad(mask, 1)
+    inner = padded[1:-1, 1:-1, 1:-1].copy()
+    for axis in range(3):
+        for end in (slice(None, -2), slice(2, None)):
+            inner &= padded[tuple(end if a == axis else slice(1, -1) for a in range(3))]
+    return np.argwhere(mask & ~inner)
+
+
+def _normals(region: Region, voxels: np.ndarray) -> np.ndarray:
+    """Outward normals at voxels of a region's boundary: away from the middle of its voxels around, (n, 3) RAS."""
+    reach = np.maximum(np.floor(_AROUND_MM / region.spacing), 1).astype(int)
+    offsets = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in reach), indexing="ij"), axis=-1).reshape(-1, 3)
+    steps = offsets @ region.ijk_to_ras[:3, :3].T
+    offsets = offsets[np.linalg.norm(steps, axis=1) <= max(_AROUND_MM, region.spacing.max())]
+    steps = offsets @ region.ijk_to_ras[:3, :3].T
+    padded = np.pad(region.mask, [(n, n) for n in reach[::-1]])
+    k, j, i = np.moveaxis(voxels[:, None] + reach[::-1] + offsets[:, ::-1], -1, 0)
+    normals = -(padded[k, j, i] @ steps)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -1,0 +1,117 @@
+"""The voxels of an organ whose shape is known as a star: its grey levels decide only near that surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from ..imaging.boxes import bounds
+from ..imaging.image import Image
+from ..imaging.morphology import dilate, erode
+from ..imaging.region import Region, region_from_crop
+from .limits import Limits
+from .ray_edges import Edges
+from .star_surface import Star
+
+# Voxels as near to the surface as this share of the radius, and so much more, belong to the organ by their grey level;
+# deeper ones do, and those farther out do not.
+_SHELL_SHARE, _SHELL_MM = 0.05, 1.5
+# Thin lobes in the shell are cut by an opening with a ball of this radius.
+OPENING_MM = 2.0
+# Where the volume ends, the organ goes on.
+_BEYOND, _BEYOND_MM = 1.15, 2.0
+# Between directions the radius is the weighted mean of so many; it is computed on a lattice and interpolated.
+_DIRECTIONS, _LATTICE_MM = 4, 3.0
+
+
+def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None:
+    """Take the voxels of an organ.
+
+    Parameters
+    ----------
+    image : Image
+    star : Star
+        The organ's shape.
+    fill : bool
+        Fill cavities.
+
+    Returns
+    -------
+    Region or None
+        None where nothing is left.
+    """
+    edges = edges_of(image, star)
+    if not edges.found.any():
+        return None
+    limits = _one_sided(Limits.along(edges, image), star)
+    start, stop = _box(image, star)
+    inward = _inward(image.crop(start, stop), star)
+    held = limits.holds(start, image.crop(start, stop).array)
+    mask = (held & (inward > -1.0)) | (inward > 1.0)
+    steps = image.ijk_to_ras[:3, :3]
+    core = _largest(erode(mask, steps, OPENING_MM))
+    mask = _largest(dilate(core, steps, OPENING_MM) & mask)
+    if not mask.any():
+        return None
+    first, last = bounds(mask)
+    grey = image.crop(start + first, start + last).array[mask[tuple(map(slice, first, last))]]
+    threshold = (limits.low, float(grey.max())) if star.falls else (float(grey.min()), limits.high)
+    return region_from_crop(image, mask, start, fill=fill, threshold=threshold, erosion=OPENING_MM)
+
+
+def edges_of(image: Image, star: Star) -> Edges:
+    """Take the star's rays as edges seen from one place."""
+    inner = star.inner[~star.cut] if not star.cut.all() else star.inner
+    middle = float(np.median(inner))
+    return Edges(
+        distances=star.lengths[None],
+        found=star.found[None],
+        points=star.points[None],
+        inner=star.inner[None],
+        outer=star.outer[None],
+        levels=np.array([middle]),
+        middle=middle,
+        spread=1.4826 * float(np.median(np.abs(inner - middle))),
+        directions=star.directions,
+        axes=image.ijk_to_ras[:3, :3] / image.spacing,
+    )
+
+
+def _one_sided(limits: Limits, star: Star) -> Limits:
+    """Limits towards what lies outside alone: within its wall, a bright organ may be as bright as it likes."""
+    return replace(limits, high=np.inf) if star.falls else replace(limits, low=-np.inf)
+
+
+def _box(image: Image, star: Star) -> tuple[np.ndarray, np.ndarray]:
+    """First and last voxel of a box around the shell and one voxel more."""
+    margin = _SHELL_SHARE * star.lengths.max() + _SHELL_MM
+    ends = image.to_ijk(star.points)[:, ::-1]
+    room = margin / image.spacing[::-1] + 2.0
+    start = np.floor(ends.min(axis=0) - room).astype(int)
+    stop = np.ceil(ends.max(axis=0) + room).astype(int) + 1
+    return np.maximum(start, 0), np.minimum(stop, image.array.shape)
+
+
+def _inward(crop: Image, star: Star) -> np.ndarray:
+    """How far inside of the surface the voxels lie, in widths of the shell."""
+    lengths = np.where(star.cut, _BEYOND * star.lengths + _BEYOND_MM, star.lengths)
+    counts = np.maximum(np.ceil(crop.size * crop.spacing / _LATTICE_MM).astype(int), 2)
+    k, j, i = np.indices(counts[::-1])
+    nodes = np.stack([i, j, k], axis=-1) * (crop.size - 1.0) / (counts - 1.0)
+    away = crop.to_ras(nodes.reshape(-1, 3)) - star.center
+    distances = np.linalg.norm(away, axis=1)
+    gaps, near = cKDTree(star.directions).query(away / np.maximum(distances, 1e-9)[:, None], k=_DIRECTIONS)
+    # Finite at a direction itself.
+    weights = 1.0 / (gaps**2 + 1e-4)
+    radii = np.einsum("nd,nd->n", lengths[near], weights) / weights.sum(axis=1)
+    inward = ((radii - distances) / (_SHELL_SHARE * radii + _SHELL_MM)).reshape(counts[::-1])
+    return ndimage.zoom(inward.astype(np.float32), crop.size[::-1] / counts[::-1], order=1, grid_mode=False)
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    """Largest piece of a mask; the mask itself where it is empty."""
+    labels, count = ndimage.label(mask)
+    return mask if count < 2 else labels == np.bincount(labels.ravel())[1:].argmax() + 1

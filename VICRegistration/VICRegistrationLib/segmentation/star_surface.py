@@ -1,0 +1,214 @@
+"""An organ's shape from one place in it: the star-shaped surface on which the image shows most of an edge.
+
+It needs no limits of grey levels, and looks again from its own middle, so that it matters little where the place is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
+from .ray_edges import contrast_of, noise_of
+from .sphere import cheapest_radii, sphere
+
+# Samples along a ray are so far apart, up to the longest.
+_STEP_MM, _LONGEST_MM = 0.75, 100.0
+# Radii to choose from begin here, and each is longer than the one before by this ratio.
+_SHORTEST_MM, _RATIO, _MOST_APART = 2.0, 1.05, 9
+# Single voxels of noise are averaged over this length.
+_BLUR_MM = 0.5
+# An edge is the step between the means over samples before and behind; what the level has changed before it, by half,
+# is shading and no edge.
+_BEFORE, _BEHIND, _EARLIER = (-3, -1), (1, 2), (-8, -5)
+_SHADING = 0.5
+# A step of this share of the contrast counts three quarters.
+STEP_SHARE = 0.4
+# Change of the grey level from sample to sample that is shading, in shares of the contrast, or noise.
+_SLOW, _NOISE = 0.06, 2.0
+# Weights of what was crossed before, where a full edge weighs 1, of slopes of 45 degrees, and of the volume's end.
+_CROSSED, _STIFFNESS, _END = 0.5, 0.15, 0.5
+# The first look is from the place given, the others from the middle of what was seen.
+_LOOKS = 3
+# Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
+_DEPTH = 5
+# What strengths of an edge mean: one is there.
+AN_EDGE = 0.46
+
+
+@dataclass(frozen=True, eq=False)
+class Star:
+    """A closed surface that is seen from one place, one entry per direction.
+
+    Attributes
+    ----------
+    center : ndarray, shape (3,)
+        RAS mm.
+    directions : ndarray, shape (n, 3)
+        Unit vectors, RAS.
+    lengths : ndarray, shape (n,)
+        From the centre to the surface, mm.
+    strengths : ndarray, shape (n,)
+        How much of an edge the image shows there, from 0 to 1.
+    cut : ndarray of bool, shape (n,)
+        Where the volume ends before an edge.
+    inner, outer : ndarray, shape (n,)
+        Grey levels before and behind the surface.
+    contrast : float
+        Unit of the steps.
+    falls : bool
+        Whether the level falls at the edge.
+    cost : float
+        Mean over the directions.
+    """
+
+    center: np.ndarray
+    directions: np.ndarray
+    lengths: np.ndarray
+    strengths: np.ndarray
+    cut: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
+    contrast: float
+    falls: bool
+    cost: float
+
+    @property
+    def points(self) -> np.ndarray:
+        """Where the rays end, (n, 3) RAS mm."""
+        return self.center + self.lengths[:, None] * self.directions
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Centre of mass, (3,) RAS mm: a cone's is three quarters of the way to its base."""
+        return self.center + 0.75 * (self.lengths**4 @ self.directions) / (self.lengths**3).sum()
+
+    @property
+    def found(self) -> np.ndarray:
+        """Where there is an edge, (n,) of bool."""
+        return (self.strengths > AN_EDGE) & ~self.cut
+
+
+def find_star(image: Image, seed: np.ndarray) -> Star:
+    """Find the star-shaped surface of least cost around a place.
+
+    Parameters
+    ----------
+    image : Image
+    seed : (3,) ndarray
+        RAS mm, in the volume.
+
+    Returns
+    -------
+    Star
+
+    Notes
+    -----
+    Along each ray, a step of the grey level lowers the cost where it is sharp, and all sharp changes that the ray has
+    crossed before raise it. Whether the level falls or rises at an organ's edge is what costs less.
+    """
+    sampler = Sampler(_around(image, seed))
+    axes = image.ijk_to_ras[:3, :3] / image.spacing
+    star = min((_found(image, sampler, axes, seed, sign) for sign in (1.0, -1.0)), key=lambda found: found.cost)
+    level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
+    return replace(star, inner=star.inner + level, outer=star.outer + level)
+
+
+def blurred(image: Image) -> np.ndarray:
+    """Average fine voxels over about a millimetre."""
+    return ndimage.uniform_filter(image.array, size=tuple(2 * np.rint(_BLUR_MM / image.spacing[::-1]).astype(int) + 1))
+
+
+def _around(image: Image, seed: np.ndarray) -> Image:
+    """Cut out what rays from a place can reach, in grey levels from that at the place, averaged."""
+    voxel = np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int)
+    reach = np.ceil(_LONGEST_MM / image.spacing[::-1]).astype(int)
+    crop = image.crop(np.maximum(voxel - reach, 0), np.minimum(voxel + reach + 1, image.array.shape))
+    # Before the numbers are made short: a constant that is added to the image then changes nothing.
+    levels = (crop.array.astype(float) - float(image.array[tuple(voxel)])).astype(np.float32)
+    return Image(blurred(Image(levels, crop.ijk_to_ras)), crop.ijk_to_ras)
+
+
+def _found(image: Image, sampler: Sampler, axes: np.ndarray, seed: np.ndarray, sign: float) -> Star:
+    """Look for an edge where the level falls (sign 1), or rises (-1), again and again from the middle."""
+    star = _look(sampler, axes, seed, sign)
+    for _ in range(_LOOKS - 1):
+        center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
+        star = _look(sampler, axes, center, sign)
+    return star
+
+
+def _look(sampler: Sampler, axes: np.ndarray, center: np.ndarray, sign: float) -> Star:
+    """Look once, from a place."""
+    radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
+    directions = sphere().directions @ axes.T
+    levels, valid = sampler.values(center + directions[:, None] * radii[:, None])
+    valid = np.logical_and.accumulate(valid, axis=1)
+    last = np.maximum(valid.sum(axis=1) - 1, 0)
+    # Beyond the volume nothing changes any more.
+    levels = np.take_along_axis(levels.astype(float), np.minimum(np.arange(len(radii)), last[:, None]), axis=1)
+    contrast = contrast_of(levels, valid, radii)
+    crossed = _crossed(levels, valid, contrast)
+    end = _CROSSED * np.take_along_axis(crossed, last[:, None], axis=1) - _END
+    rays = np.arange(len(levels))
+    strengths = _strengths(sign * levels, contrast)
+    costs = np.where(valid, _CROSSED * crossed - strengths, end)
+    places = _chosen(costs, radii)
+    depths = np.minimum(places[:, None] + np.arange(_DEPTH), levels.shape[1] - 1)
+    return Star(
+        center=center,
+        directions=directions,
+        lengths=radii[places],
+        strengths=strengths[rays, places],
+        cut=~valid[rays, places],
+        inner=_means(levels, *_BEFORE)[rays, places],
+        outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
+        contrast=contrast,
+        falls=sign > 0.0,
+        cost=float(costs[rays, places].mean()),
+    )
+
+
+def _strengths(levels: np.ndarray, contrast: float) -> np.ndarray:
+    """How much of an edge there is at every sample where levels fall, from 0 to 1."""
+    before = _means(levels, *_BEFORE)
+    shading = np.maximum(_means(levels, *_EARLIER) - before, 0.0)
+    fall = before - _means(levels, *_BEHIND) - _SHADING * shading
+    return np.maximum(np.tanh(fall / (STEP_SHARE * contrast)), 0.0)
+
+
+def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float) -> np.ndarray:
+    """Sharp changes of the level that a ray has crossed before each sample, in units of the contrast."""
+    changes = np.abs(np.diff(levels, axis=1, prepend=levels[:, :1]))
+    slow = max(_SLOW * contrast, _NOISE * noise_of(changes[valid]))
+    sums = np.cumsum(np.maximum(changes - slow, 0.0), axis=1) / contrast
+    return np.pad(sums, ((0, 0), (_BEHIND[1], 0)))[:, : levels.shape[1]]
+
+
+def _means(levels: np.ndarray, first: int, last: int) -> np.ndarray:
+    """Means over the samples from the first to the last one, counted from every sample."""
+    left, right = max(-first, 0), max(last, 0)
+    sums = np.cumsum(np.pad(np.pad(levels, ((0, 0), (left, right)), mode="edge"), ((0, 0), (1, 0))), axis=1)
+    start, count = first + left, levels.shape[1]
+    width = last - first + 1
+    return (sums[:, start + width : start + width + count] - sums[:, start : start + count]) / width
+
+
+def _chosen(costs: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Sample of each ray on the surface of least cost."""
+    count = int(np.log(_LONGEST_MM / _SHORTEST_MM) / np.log(_RATIO)) + 1
+    coarse = _SHORTEST_MM * _RATIO ** np.arange(count)
+    bins = np.searchsorted(coarse * np.sqrt(_RATIO), radii)
+    places, lowest = np.empty((2, len(costs), count))
+    for number, radius in enumerate(coarse):
+        samples = np.flatnonzero(bins == number)
+        if not len(samples):
+            samples = np.array([np.abs(radii - radius).argmin()])
+        places[:, number] = samples[costs[:, samples].argmin(axis=1)]
+        lowest[:, number] = costs[:, samples].min(axis=1)
+    best = cheapest_radii(lowest, ratio=_RATIO, stiffness=_STIFFNESS, most=_MOST_APART)
+    return places[np.arange(len(costs)), best].astype(int)
