@@ -120,10 +120,11 @@ def test_between_samples_it_is_linear_and_closed(clear):
     assert np.isfinite(confidence.standard_deviation(np.array([[0.3, 0.0], [0.3, 1.0]]))).all()
 
 
-def test_a_fine_net_gets_the_confidence_of_a_coarser_one(clear):
+def test_a_fine_net_is_a_little_less_sure_than_the_usual_one(clear):
     image, fit = clear
     fine = at_box(image, replace(fit.options, net=(33, 25), threshold=None))
-    assert np.median(fine.confidence.deviations) == pytest.approx(np.median(fit.confidence.deviations), rel=1.0)
+    ratio = np.median(fine.confidence.deviations) / np.median(fit.confidence.deviations)
+    assert 1.0 < ratio < 2.0
 
 
 def test_the_paper_s_closure_has_a_confidence(clear):

@@ -6,19 +6,19 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import affine, affine_matrix, closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.correlation import Correlation
-from VICRegistrationLib.registration.levels import Levels
-from VICRegistrationLib.registration.profile import cosine_ramp
-from VICRegistrationLib.registration.sample_grid import SampleGrid
-from VICRegistrationLib.registration.solvers import SOLVERS, Objective
+from VICRegistrationLib.registration.cost import Correlation, Objective
+from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
+from VICRegistrationLib.registration.solvers import SOLVERS
+from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage
 
 RADIUS = 20.0
-EVERYWHERE = np.linspace(-0.5, 0.5, 9)
+PROFILE = IntensityProfile(1.0, 0.0, 20.0)
 
 
 def ball_image(*, level=1.0, around=0.0, ramp=20.0):
@@ -27,7 +27,7 @@ def ball_image(*, level=1.0, around=0.0, ramp=20.0):
     matrix[:3, 3] = -49.0
     k, j, i = np.indices((50, 50, 50)) * 2.0 - 49.0
     distance = np.sqrt(i**2 + j**2 + k**2) - RADIUS
-    return Image(around + (level - around) * cosine_ramp(distance / ramp), matrix)
+    return Image(IntensityProfile(level, around, ramp).value(distance), matrix)
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +40,11 @@ def solver(request):
     return SOLVERS[request.param]
 
 
-def objective_of(sampler, parametrization, *, stiffness=None, levels=None, reference=None):
-    correlation = Correlation(
-        sampler,
-        parametrization,
-        SampleGrid.on(parametrization.surface, (24, 16)),
-        depths=EVERYWHERE,
-        ramp=cosine_ramp(EVERYWHERE),
-        levels=levels or Levels(1.0, 0.0, 20.0, mode="given"),
-    )
-    return Objective(correlation, stiffness=stiffness, reference=reference)
+def objective_of(sampler, parametrization, *, stiffness=None, reference=None):
+    surface = SampledSurface(parametrization, SampleGrid.on(parametrization.surface, (24, 16)))
+    virtual = VirtualImage(PROFILE, mode="given")
+    correlation = Correlation(sampler, virtual, surface, depths=PROFILE.depths(0.5, 9))
+    return Objective([correlation], stiffness=stiffness, reference=reference)
 
 
 def moved_ellipsoid():
@@ -57,7 +52,7 @@ def moved_ellipsoid():
 
 
 def run(solver, objective, count, *, largest_step=10.0):
-    start = np.zeros(objective.correlation.parametrization.n_dof)
+    start = np.zeros(objective.n_dof)
     return list(itertools.islice(solver(objective, start, largest_step=largest_step), count))
 
 
@@ -68,7 +63,7 @@ def run(solver, objective, count, *, largest_step=10.0):
 def test_the_ball_is_found_from_a_displaced_ellipsoid(bright_ball, solver, make):
     objective = objective_of(bright_ball, make(moved_ellipsoid()))
     last = run(solver, objective, 150)[-1]
-    surface = objective.correlation.parametrization.deform(last.q)
+    surface = objective.costs[0].parametrization.deform(last.q)
     u, v = np.linspace(0.0, 1.0, 40), np.linspace(0.02, 0.98, 30)
     radii = np.linalg.norm(surface.grid(u, v), axis=2)
     # Trilinear interpolation in voxels of 2 mm of a ramp of 20 mm moves the edge of the ball by 0.05 mm.
@@ -121,7 +116,7 @@ def test_no_step_is_longer_than_allowed(bright_ball, solver):
 
 def test_an_iterate_tells_how_far_it_went(bright_ball, solver):
     objective = objective_of(bright_ball, closed_organ(moved_ellipsoid()))
-    parametrization = objective.correlation.parametrization
+    parametrization = objective.costs[0].parametrization
     before = np.zeros(parametrization.n_dof)
     for iterate in run(solver, objective, 4):
         moved = parametrization.control_net(iterate.q) - parametrization.control_net(before)
@@ -132,7 +127,7 @@ def test_an_iterate_tells_how_far_it_went(bright_ball, solver):
 
 def test_iterates_can_be_kept_while_the_solver_goes_on(bright_ball, solver):
     objective = objective_of(bright_ball, closed_organ(moved_ellipsoid()))
-    iterates = solver(objective, np.zeros(objective.correlation.parametrization.n_dof), largest_step=10.0)
+    iterates = solver(objective, np.zeros(objective.n_dof), largest_step=10.0)
     first = next(iterates)
     kept = first.q.copy()
     next(iterates)
@@ -151,14 +146,29 @@ def test_the_gradient_of_the_objective_is_half_the_derivative_of_its_value(brigh
     parametrization = affine(moved_ellipsoid(), free="scaling")
     objective = objective_of(bright_ball, parametrization, stiffness=np.diag([1.0, 2.0, 3.0]))
     q = np.array([0.02, -0.03, 0.01])
-    objective.correlation.refresh(q)
+    objective.refresh(q)
 
     def value(place):
-        return objective.value(place, objective.correlation.sample(place))
+        return objective.value(place, objective.sample(place))
 
     numeric = [(value(q + step) - value(q - step)) / 4e-6 for step in 1e-6 * np.eye(3)]
     # The step of 1e-6 leaves eight digits; trilinear interpolation has kinks that a few of the samples cross.
-    np.testing.assert_allclose(objective.gradient(q, objective.correlation.sample(q)), numeric, rtol=1e-4)
+    np.testing.assert_allclose(objective.gradient(q, objective.sample(q)), numeric, rtol=1e-4)
+
+
+@pytest.mark.parametrize("net", [(9, 7), (21, 21)])
+def test_a_matrix_that_is_not_positive_definite_is_damped_until_it_is(bright_ball, net):
+    parametrization = closed_organ(models.closed_organ(net, axes=np.diag([26.0, 17.0, 22.0])))
+    free = objective_of(bright_ball, parametrization)
+    mean = free.hessian(free.sample(np.zeros(free.n_dof))).diagonal().mean()
+    # Sliding within the surface costs nothing, so that this makes it a way downhill.
+    identity = sparse.identity(free.n_dof) if free.costs[0].surface.sparse else np.eye(free.n_dof)
+    objective = objective_of(bright_ball, parametrization, stiffness=-0.3 * mean * identity)
+    hessian = objective.hessian(objective.sample(np.zeros(free.n_dof)))
+    assert np.linalg.eigvalsh(hessian.toarray() if sparse.issparse(hessian) else hessian).min() < 0.0
+    (first,) = run(SOLVERS["gauss-newton"], objective, 1)
+    assert first.displacement > 0.0
+    assert first.decrease > 0.0
 
 
 # ------------------------------------------------------------------ nothing to gain
@@ -190,7 +200,7 @@ def test_a_nearly_mirrored_start_comes_back_unmirrored(bright_ball, solver, sque
     objective = objective_of(bright_ball, affine(start, free=free, center=np.zeros(3)))
     for iterate in run(solver, objective, 60, largest_step=60.0):
         assert np.linalg.det(affine_matrix(iterate.q, free=free)[:3, :3]) > 0.0
-    assert objective.correlation.parametrization.deform(iterate.q).volume() == pytest.approx(
+    assert objective.costs[0].parametrization.deform(iterate.q).volume() == pytest.approx(
         4.0 / 3.0 * np.pi * RADIUS**3, rel=0.03
     )
 

@@ -11,10 +11,9 @@ from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.levels import Levels
-from VICRegistrationLib.registration.profile import cosine_ramp
-from VICRegistrationLib.registration.sample_grid import SampleGrid
+from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
+from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage
 
 GRID = (24, 16)
 
@@ -26,20 +25,24 @@ def ball_sampler():
     matrix[:3, 3] = -49.0
     k, j, i = np.indices((50, 50, 50)) * 2.0 - 49.0
     distance = np.sqrt(i**2 + j**2 + k**2) - 20.0
-    return Sampler(Image(cosine_ramp(distance / 20.0), matrix))
+    return Sampler(Image(IntensityProfile(1.0, 0.0, 20.0).value(distance), matrix))
 
 
 def start():
     return models.closed_organ(axes=np.diag([26.0, 17.0, 22.0]), center=(3.0, -2.0, 4.0))
 
 
+def virtual(width, voxel=None):
+    return VirtualImage(IntensityProfile(1.0, 0.0, width), mode="given", voxel=voxel)
+
+
 def stage_on(sampler, **changes):
     options = {"reach": 0.5, "max_iterations": 100, **changes}
-    return Stage("a stage", sampler, Levels(1.0, 0.0, 20.0, mode="given"), **options)
+    return Stage("a stage", sampler, virtual(20.0), **options)
 
 
 def steps_of(stage, parametrization, *, shape=GRID):
-    return run_stage(stage, parametrization, SampleGrid.on(parametrization.surface, shape))
+    return run_stage(stage, SampledSurface(parametrization, SampleGrid.on(parametrization.surface, shape)))
 
 
 def finished(steps):
@@ -156,9 +159,9 @@ def test_a_stage_can_be_left_between_any_two_steps(ball_sampler, solver):
 
 def test_two_runs_may_take_turns(ball_sampler, solver):
     stage, parametrization = stage_on(ball_sampler, solver=solver, max_iterations=5), closed_organ(start())
-    grid = SampleGrid.on(parametrization.surface, GRID)
-    alone, _ = finished(run_stage(stage, parametrization, grid))
-    one, two = run_stage(stage, parametrization, grid), run_stage(stage, parametrization, grid)
+    surface = SampledSurface(parametrization, SampleGrid.on(parametrization.surface, GRID))
+    alone, _ = finished(run_stage(stage, surface))
+    one, two = run_stage(stage, surface), run_stage(stage, surface)
     for expected in alone:
         for steps in (one, two):
             np.testing.assert_array_equal(next(steps).surface.control_net, expected.surface.control_net)
@@ -207,8 +210,7 @@ def test_a_ball_in_thick_slices_is_fitted_with_less_bias_when_the_voxel_is_known
         matrix[:3, 3] = -matrix[:3, :3] @ ((np.array(shape[::-1]) - 1) / 2.0) + [0.2, 0.1, phase]
         sampler = Sampler(Image(volume_fractions(mesh.points, mesh.triangles, shape, matrix), matrix))
         for name, voxel in (("unknown", None), ("known", matrix[:3, :3])):
-            levels = Levels(1.0, 0.0, 4.0, mode="given", voxel=voxel)
-            stage = Stage("ball", sampler, levels, reach=0.5, n_depths=5, sliding=0.02, bending=1e-5)
+            stage = Stage("ball", sampler, virtual(4.0, voxel), reach=0.5, n_depths=5, sliding=0.02, bending=1e-5)
             model = models.closed_organ(axes=20.0 * np.eye(3))
             history, _ = finished(steps_of(stage, closed_organ(model)))
             # Mean distance of two surfaces that are close: dV = A dr.
@@ -225,7 +227,6 @@ def test_a_ball_in_thick_slices_is_fitted_with_less_bias_when_the_voxel_is_known
     ("choice", "message"),
     [
         ({"solver": "newton"}, "The solver 'newton' was asked for; choose one of gauss-newton, gradient-descent"),
-        ({"ramp": "step"}, "The ramp 'step' was asked for; choose one of cosine, linear"),
         ({"stop_rule": "cost"}, "The stop rule 'cost' was asked for; choose one of displacement, parameters"),
     ],
 )

@@ -13,10 +13,10 @@ from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.levels import Levels
 from VICRegistrationLib.registration.organ import finish, fit_region
-from VICRegistrationLib.registration.sample_grid import SampleGrid
+from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
+from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage
 from VICRegistrationLib.segmentation.separation import separate
 
 ITERATIONS = 3
@@ -30,7 +30,7 @@ def local_fit(image: Image, net: tuple[int, int], samples: tuple[int, int]) -> C
     stage = Stage(
         "local",
         Sampler(image),
-        Levels(ORGAN_LEVEL, WALL_LEVEL, 1.5, mode="local", voxel=voxel),
+        VirtualImage(IntensityProfile(ORGAN_LEVEL, WALL_LEVEL, 1.5), voxel=voxel),
         reach=0.5,
         n_depths=5,
         bending=1e-5,
@@ -42,7 +42,7 @@ def local_fit(image: Image, net: tuple[int, int], samples: tuple[int, int]) -> C
 
     def job():
         model = models.closed_organ(net, axes=START)
-        for _ in run_stage(stage, closed_organ(model), SampleGrid.on(model, samples)):
+        for _ in run_stage(stage, SampledSurface(closed_organ(model), SampleGrid.on(model, samples))):
             pass
 
     return job

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from .. import __version__
 from ..file_names import folder_name, organ_name
 from ..geometry.parametrization import CLOSURES
-from ..registration.losses import LOSSES
+from ..registration.cost import LOSSES
 from ..registration.solvers import SOLVERS
 from . import (
     PROGRAM,

@@ -6,7 +6,7 @@ import math
 import re
 
 from ..geometry.parametrization import CLOSURES
-from ..registration.losses import LOSSES
+from ..registration.cost import LOSSES
 from ..registration.solvers import SOLVERS
 
 # Beyond this the control points lie closer together than any image has voxels.

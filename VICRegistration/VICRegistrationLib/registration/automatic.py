@@ -16,10 +16,11 @@ from ..geometry.surface import BSplineSurface
 from ..messages import Diagnostic
 from .choosing import Choice, anchor_for, chosen_by, to_start_with
 from .finer_nets import fit_finer
-from .nets import net_of, net_text
+from .nets import net_of, net_text, sampled_net
 from .options import FitOptions
-from .plan import Plan, machinery
-from .stages import Step, cost_of, last_step
+from .plan import Plan
+from .sample_grid import SampledSurface
+from .stages import Step, last_step
 from .tighter_hold import hold
 
 
@@ -60,22 +61,24 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     Outcome
     """
     first = net_of(model, options.closure)
-    closed, grid = machinery(first, options.closure)
+    space = sampled_net(first, options.closure)
     scaling, region = plan.region_stages(options)
-    scaled = yield from last_step(scaling, affine(model, free="scaling", center=np.zeros(3)), grid)
-    near = yield from last_step(region, closed.at(scaled.surface), grid)
+    scaled = yield from last_step(
+        scaling, SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
+    )
+    near = yield from last_step(region, space.at(scaled.surface))
     coarse, _ = plan.grey_level_stages(to_start_with(options, plan.pixel))
-    caught = yield from last_step(coarse, closed.at(near.surface), grid)
+    caught = yield from last_step(coarse, space.at(near.surface))
     chosen, choices = chosen_by(caught, plan.sampler, plan.voxel, options)
     chosen = replace(chosen, net=first)
     anchor = anchor_for(caught)
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
-    found = yield from last_step(fine, closed.at(caught.surface), grid)
+    found = yield from last_step(fine, space.at(caught.surface))
     held = []
     lost = plan.astray(found.surface)
     if lost:
         spare = ("scaled model", scaled)
-        found, how = yield from hold(plan, near, spare, (closed, grid), chosen, anchor, lost)
+        found, how = yield from hold(plan, near, spare, space, chosen, anchor, lost)
         held.append(how)
     found, why, later = yield from fit_finer(plan, found, chosen, anchor, options.net)
     net = net_of(found.surface, options.closure)
@@ -87,8 +90,8 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     halvings = 0
     while net_of(model, options.closure) != net:
         model, halvings = model.refined(), halvings + 1
-    closed, grid = machinery(first, options.closure, halvings)
-    cost = cost_of(model, fine.correlation(closed.at(found.surface), grid))
+    space = sampled_net(first, options.closure, halvings)
+    cost = fine.correlation(space.at(found.surface)).cost_of(model)
     return Outcome(replace(chosen, net=net), choices, cost)
 
 

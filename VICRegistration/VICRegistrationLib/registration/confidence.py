@@ -14,17 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from ..geometry.parametrization import Parametrization
-from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, patient_side
 from ..imaging.sampling import Sampler
-from .correlation import Correlation, Support
-from .nets import grid_shape, net_of
+from .banded import BandedMatrix
+from .cost import Correlation
+from .nets import sampled
 from .options import FitOptions
-from .plan import crop_around, grey_level_stages, levels_beside, machinery
-from .sample_grid import SampleGrid
-from .stages import stiffness
+from .plan import crop_around, grey_level_stages, levels_beside
+from .sample_grid import SampledSurface
+from .stages import Stage
 
 # Standard deviation of a surface before the image was looked at, mm: about as far as a fit goes.
 _PRIOR_MM = 3.0
@@ -38,8 +37,6 @@ _COMMON_PIXELS = 0.08
 _NO_EDGE = 0.5
 # A place with less support than this follows no edge.
 _LEAST_SUPPORT = 0.3
-# With more degrees of freedom than this the covariance is that of a coarser net: it changes slowly along the surface.
-_MOST_DOF, _COARSER_NET = 1500, (17, 11)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +127,6 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     sliding, and a prior of 3 mm for each patch of the net. Calibrated on noisy phantoms, see the README; it holds for
     real images as far as they are like those.
     """
-    closed = closed_organ_parametrization(surface, closure=options.closure)
-    space = closed if closed.n_dof <= _MOST_DOF else machinery(_COARSER_NET, options.closure)[0]
-    shape = grid_shape(net_of(space.surface, options.closure))
     voxel = image.ijk_to_ras[:3, :3]
     sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), 4.0 * options.tau))
     inside, outside = levels_beside(surface, sampler, options)
@@ -140,9 +134,9 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
         # The estimates along the surface will tell that there is no edge: they only need to know a brighter side.
         outside = inside - 1e-6 * (abs(inside) or 1.0)
     _, stage = grey_level_stages(sampler, inside, outside, voxel, options)
-    seen = stage.correlation(closed, SampleGrid.on(surface, shape))
-    moved = seen if space is closed else stage.correlation(space, SampleGrid.on(space.surface, shape))
-    support = _doubted(seen.support(np.zeros(closed.n_dof)), shape)
+    seen = stage.correlation(sampled(surface, options.closure))
+    shape = seen.surface.grid.shape
+    support = _without_edges_elsewhere(_support(seen), shape)
     areas = support.area * surface.area()
     variance = _smoothed(support.variance, support, shape)
     pixel = float(np.min(image.spacing))
@@ -150,15 +144,15 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     lines = areas / (abs(np.linalg.det(voxel)) / pixel)
     information = lines * support.weight * support.slope / variance
     scale = float(np.sum(lines) * np.mean(1.0 / variance))
-    covariance = _covariance(moved, space, support, information, stage, scale)
-    moves = moved.normal_motion(support.normals)
-    noise = np.einsum("ij,ij->i", moves @ covariance, moves)
+    precision = _precision(seen, support, information, stage, scale)
+    moves = seen.surface.normal_motion(support.normals)
+    noise = precision.variances(moves)
     misfit = _MISFIT_SHARE**2 * _smoothed(np.minimum(support.offset**2, _PRIOR_MM**2), support, shape)
     # Where no line around shows an edge, the surface is where it was put.
     blind = _PRIOR_MM**2 * np.clip(1.0 - _around(support.weight, support.area, shape) / _LEAST_SUPPORT, 0.0, 1.0)
-    pushed = areas @ moves
-    volume = pushed @ covariance @ pushed + (_COMMON_PIXELS * pixel * areas.sum()) ** 2
-    volume += areas.sum() * (areas @ (misfit + blind)) / _patches(space)
+    pushed = moves.T @ areas
+    volume = pushed @ precision.solve(pushed) + (_COMMON_PIXELS * pixel * areas.sum()) ** 2
+    volume += areas.sum() * (areas @ (misfit + blind)) / _patches(seen.surface)
     return Confidence(
         surface,
         np.sqrt(noise + misfit + blind).reshape(shape),
@@ -169,26 +163,71 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     )
 
 
-def _doubted(support: Support, shape: tuple[int, int]) -> Support:
+@dataclass(frozen=True, eq=False)
+class _Support:
+    """What each normal line of a surface says about the edge, (n,) but where told.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) ndarray
+        Where the lines cross the surface.
+    area : ndarray
+        Share of the surface's area, sum 1.
+    weight : ndarray
+        How much of an edge the line shows, 0 to 1; 0 outside of the volume.
+    variance : ndarray
+        Mean squared residual, in units of the squared contrast.
+    slope : ndarray
+        Mean squared derivative of the image along the normal, 1/mm^2.
+    offset : ndarray
+        How far the line's own edge is from the surface, to first order, mm.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    area: np.ndarray
+    weight: np.ndarray
+    variance: np.ndarray
+    slope: np.ndarray
+    offset: np.ndarray
+
+
+def _support(correlation: Correlation) -> _Support:
+    """Tell what each normal line says about the edge where the surface begins."""
+    samples = correlation.sample(np.zeros(correlation.surface.n_dof))
+    frame = samples.frame
+    along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)
+    slope = np.mean(along**2, axis=1)
+    return _Support(
+        frame.points,
+        frame.normals,
+        frame.area,
+        np.minimum(correlation.steps(), 1.0) * samples.weights.sum(axis=1) / np.maximum(frame.area, 1e-300),
+        np.mean(samples.residuals**2, axis=1),
+        slope,
+        -np.mean(along * samples.residuals, axis=1) / np.maximum(slope, 1e-12),
+    )
+
+
+def _without_edges_elsewhere(support: _Support, shape: tuple[int, int]) -> _Support:
     """Take support from where the image looks like no edge at all: all that is seen there is something else."""
     variance = _smoothed(support.variance, support, shape)
     return replace(support, weight=support.weight * np.clip(1.0 - variance / _NO_EDGE, 0.0, 1.0))
 
 
-def _covariance(
-    moved: Correlation, space: Parametrization, support: Support, information: np.ndarray, stage, scale: float
-) -> np.ndarray:
-    """Covariance of the degrees of freedom, (n_dof, n_dof) mm^2."""
+def _precision(
+    correlation: Correlation, support: _Support, information: np.ndarray, stage: Stage, scale: float
+) -> BandedMatrix:
+    """Inverse of the covariance of the degrees of freedom, (n_dof, n_dof) 1/mm^2."""
     across = support.normals[:, :, None] * support.normals[:, None, :]
-    prior = support.area * _patches(space) / _PRIOR_MM**2
-    data = moved.quadratic_form((information + prior)[:, None, None] * across)
-    total = data + scale * stiffness(stage, moved, anchor=0.0)
-    return np.linalg.inv(total if isinstance(total, np.ndarray) else total.toarray())
+    prior = support.area * _patches(correlation.surface) / _PRIOR_MM**2
+    data = correlation.surface.quadratic_form((information + prior)[:, None, None] * across)
+    return BandedMatrix(data + scale * correlation.energies(bending=stage.bending, sliding=stage.sliding, anchor=0.0))
 
 
-def _patches(space: Parametrization) -> float:
+def _patches(surface: SampledSurface) -> float:
     """About how many patches of the surface move by themselves."""
-    return space.n_dof / 3.0
+    return surface.n_dof / 3.0
 
 
 def _around(values: np.ndarray, area: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -200,7 +239,7 @@ def _around(values: np.ndarray, area: np.ndarray, shape: tuple[int, int]) -> np.
     return (above / below).ravel()
 
 
-def _smoothed(values: np.ndarray, support: Support, shape: tuple[int, int]) -> np.ndarray:
+def _smoothed(values: np.ndarray, support: _Support, shape: tuple[int, int]) -> np.ndarray:
     """Mean of the lines around each, where they show an edge; the organ's mean where none does."""
     weight = support.area * support.weight
     total = max(float(weight.sum()), 1e-300)

@@ -27,15 +27,13 @@ from scipy.spatial.distance import cdist
 
 from ..geometry import bspline
 from ..geometry.parametrization import Parametrization
-from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.projection import Projection, closest_points
 from ..geometry.surface import BSplineSurface
 from ..imaging.boxes import ball_radius
 from .boundary import check_distances
-from .correlation import Correlation, Frame
-from .nets import grid_shape, net_of, refined
-from .sample_grid import SampleGrid
-from .solvers import Objective
+from .cost import Correlation, Objective
+from .nets import refined, sampled
+from .sample_grid import Frame
 from .stages import Stage, Step, iterate_stage
 
 # How far around a point the surface may move: this part of the radius of a ball of the organ's volume, but at least
@@ -100,19 +98,18 @@ def correct(
     reach = np.maximum(_REACH_RADII * ball_radius(surface.volume()), _REACH_DEVIATIONS * np.abs(feet.distances))
     met = np.abs(feet.distances).max() < _MET
     finer = surface if met else refined(surface, _SPAN * reach.min(), closure=closure)
-    closed = closed_organ_parametrization(finer, closure=closure)
-    whole = stage.correlation(closed, SampleGrid.on(finer, grid_shape(net_of(finer, closure))))
-    samples = whole.sample(np.zeros(closed.n_dof))
+    whole = stage.correlation(sampled(finer, closure))
+    samples = whole.sample(np.zeros(whole.surface.n_dof))
     if met:
         yield Step(stage.name, 1, samples.cost, 0.0, surface, stage.stop_rule)
         return surface
-    patch = _Patch.around(feet, reach, closed, whole)
-    unit = 1.0 / (stage.levels.width**2 * patch.area)
+    patch = _Patch.around(feet, reach, whole)
+    unit = 1.0 / (stage.virtual.profile.width**2 * patch.area)
     stiffness, rest = patch.pulled(points, np.pi * weight * unit * reach**2, unit * patch.plate(whole))
-    local = whole.restricted(patch.heights, patch.lines, share=patch.ring_share(stage.levels.width))
+    local = whole.restricted(patch.heights, patch.lines, share=patch.ring_share(stage.virtual.profile.width))
     judge = whole.restricted(patch.heights, patch.lines, share=np.ones(len(patch.lines)))
     others = samples.cost - judge.sample(np.zeros(patch.heights.n_dof)).cost
-    objective = Objective(local, stiffness=stiffness if local.sparse else stiffness.toarray(), reference=rest)
+    objective = Objective([local], stiffness=stiffness if local.surface.sparse else stiffness.toarray(), reference=rest)
     for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
         finer = patch.heights.deform(iterate.q)
         cost = others + judge.sample(iterate.q).cost
@@ -151,9 +148,10 @@ class _Patch:
     area: float
 
     @classmethod
-    def around(cls, feet: Projection, reach: np.ndarray, closed: Parametrization, whole: Correlation) -> _Patch:
+    def around(cls, feet: Projection, reach: np.ndarray, whole: Correlation) -> _Patch:
         """Find the degrees of freedom and the samples within reach of the points' feet."""
-        surface, frame = closed.surface, whole.frame(np.zeros(closed.n_dof))
+        closed = whole.parametrization
+        surface, frame = closed.surface, whole.surface.frame(np.zeros(closed.n_dof))
         u, v = _places(closed)
         places = surface.points(u, v)
         apart = cdist(places, feet.points)
@@ -162,7 +160,7 @@ class _Patch:
         normals = _smoothed_normals(places[near], frame, 0.5 * _PLATE_LENGTH * reach.min())
         index = np.arange(shape.shape[1])
         matrices = tuple((shape @ sparse.diags(along)).tocsr() for along in normals.T)
-        lines = np.flatnonzero(np.diff((whole.grid.bases[0] @ shape).indptr))
+        lines = np.flatnonzero(np.diff((whole.surface.grid.bases[0] @ shape).indptr))
         return cls(
             heights=Parametrization(surface, matrices, (index,) * 3, len(index)),
             shape=shape,
@@ -182,9 +180,9 @@ class _Patch:
 
     def plate(self, whole: Correlation) -> sparse.csc_matrix:
         """Energy of plate and bed, integrated over the surface, (n_dof, n_dof) in mm^2 for heights in mm."""
-        frame = whole.frame(np.zeros(whole.parametrization.n_dof))
+        frame = whole.surface.frame(np.zeros(whole.parametrization.n_dof))
         area = self.area * frame.length[self.lines] / frame.length.sum()
-        height = whole.grid.bases[0][self.lines] @ self.shape
+        height = whole.surface.grid.bases[0][self.lines] @ self.shape
         lengths = self._plate_lengths()
         length = np.where(self.distances <= 1.0, lengths, lengths.min()).max(axis=1)
         growth = _BED_GROWTH ** (np.minimum(self.distances.min(axis=1), 1.0) ** 2)
@@ -234,7 +232,7 @@ class _Patch:
 
         Covariant ones, S_ab not counting: a height that only tilts a plane is not bent, be it at a pole.
         """
-        bases = [basis[self.lines] for basis in whole.grid.bases]
+        bases = [basis[self.lines] for basis in whole.surface.grid.bases]
         net = self.heights.surface.control_net.reshape(-1, 3)
         tangents = np.stack([tangent[self.lines] for tangent in frame.tangents], axis=1)
         metric = tangents @ tangents.transpose(0, 2, 1)

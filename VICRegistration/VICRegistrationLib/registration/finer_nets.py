@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import models
-from ..geometry.parametrization import Parametrization
 from ..messages import Diagnostic
-from .nets import grid_shape, net_of, net_text
+from .nets import grid_shape, net_of, net_text, sampled_net
 from .options import FitOptions
-from .plan import Plan, machinery, voxels_along
-from .sample_grid import SampleGrid
-from .stages import Step, cost_of, last_step, promise
+from .plan import Plan, voxels_along
+from .sample_grid import SampledSurface, SampleGrid
+from .stages import Step, expected_decrease, last_step
 from .tighter_hold import Held, hold
 
 # The finest net is tried where it promises more than so many times what more freedom takes off noise. The demo's organs
@@ -68,22 +67,22 @@ def fit_finer(
         finer = found.surface.refined()
         size = net_of(finer, options.closure)
         net = net_text(size)
-        closed, grid = machinery(options.net, options.closure, halvings)
-        fewer, _ = machinery(options.net, options.closure, halvings - 1)
-        explained = noise_share(closed.n_dof - fewer.n_dof, voxels_along(finer, options.tau, plan.voxel))
+        space = sampled_net(options.net, options.closure, halvings)
+        fewer = sampled_net(options.net, options.closure, halvings - 1)
+        explained = noise_share(space.n_dof - fewer.n_dof, voxels_along(finer, options.tau, plan.voxel))
         # The first net is too coarse to tell what lies beyond it.
         if wanted is None and halvings > 1:
-            promised = promise(fine, closed.at(finer), grid)
+            promised = expected_decrease(fine, space.at(finer))
             if promised <= _PROMISING * explained:
                 shares = {"promised": float(promised), "explained": float(explained)}
                 why.append(Diagnostic("finer_net_not_tried", {"net": net, **shares}))
                 break
-        step, how = yield from _fit_halved(plan, replace(found, surface=finer), (closed, grid), options, anchor)
+        step, how = yield from _fit_halved(plan, replace(found, surface=finer), space, options, anchor)
         held += how
         if wanted is None:
             between = SampleGrid.on(finer, grid_shape(size), between=True)
-            judge = fine.correlation(closed.at(step.surface), between)
-            gained = 1.0 - cost_of(step.surface, judge) / cost_of(finer, judge)
+            judge = fine.correlation(SampledSurface(space.parametrization.at(step.surface), between))
+            gained = 1.0 - judge.cost_of(step.surface) / judge.cost_of(finer)
             code = "finer_net_lowered_cost" if gained >= 0.0 else "finer_net_raised_cost"
             shares = {"change": abs(float(gained)), "explained": float(explained)}
             why.append(Diagnostic(code, {"net": net, **shares}))
@@ -96,20 +95,19 @@ def fit_finer(
 
 
 def _fit_halved(
-    plan: Plan, found: Step, machinery: tuple[Parametrization, SampleGrid], options: FitOptions, anchor: float
+    plan: Plan, found: Step, space: SampledSurface, options: FitOptions, anchor: float
 ) -> Generator[Step, None, tuple[Step, list[Held]]]:
     """Run the stages on the region and on the grey levels from a surface, held tighter if it goes astray."""
-    closed, grid = machinery
     net = net_text(net_of(found.surface, options.closure))
     steps = [found]
     for stage in (plan.region_stages(options)[1], *plan.grey_level_stages(options, anchor=anchor)):
         stage = replace(stage, name=f"{stage.name}, {net}")
-        steps.append((yield from last_step(stage, closed.at(steps[-1].surface), grid)))
+        steps.append((yield from last_step(stage, space.at(steps[-1].surface))))
     lost = plan.astray(steps[-1].surface)
     if not lost:
         return steps[-1], []
     spare = ("surface of the coarser net", found)
-    step, held = yield from hold(plan, steps[1], spare, machinery, options, anchor, lost)
+    step, held = yield from hold(plan, steps[1], spare, space, options, anchor, lost)
     return step, [held]
 
 

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ..geometry import bspline
+from ..geometry.models import LARGEST_NET, closed_organ
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
+from .sample_grid import SampledSurface, SampleGrid
 
-# Finer than this no net is made, in rows and in columns: a correction of a few places does not need it.
-_LARGEST_NET = 65
+
+def sampled(surface: BSplineSurface, closure: str) -> SampledSurface:
+    """Take the degrees of freedom of a closed organ, and the samples for its net."""
+    closed = closed_organ_parametrization(surface, closure=closure)
+    return SampledSurface(closed, SampleGrid.on(surface, grid_shape(net_of(surface, closure))))
+
+
+@lru_cache(maxsize=8)
+def sampled_net(net: tuple[int, int], closure: str, halvings: int = 0) -> SampledSurface:
+    """Make what depends on the net alone: its degrees of freedom and its samples, here of the unit sphere.
+
+    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all, and
+    one for each time that their spans are halved.
+    """
+    model = closed_organ(net, closure=closure)
+    for _ in range(halvings):
+        model = model.refined()
+    return sampled(model, closure)
 
 
 def grid_shape(net: tuple[int, int]) -> tuple[int, int]:
@@ -85,7 +105,7 @@ def refined(surface: BSplineSurface, span: float, *, closure: str) -> BSplineSur
             (np.linalg.norm(surface.grid(*middles, dv=1), axis=2) * steps[1]).max(),
         )
         halved = [
-            length > span and rows + len(step) <= _LARGEST_NET
+            length > span and rows + len(step) <= LARGEST_NET
             for length, rows, step in zip(longest, net_of(surface, closure), steps)
         ]
         if not any(halved):

@@ -9,9 +9,9 @@ import numpy as np
 
 from ..geometry.models import GENERIC_MODELS
 from ..geometry.parametrization import CLOSURES
-from .levels import LEVEL_MODES
-from .losses import LOSSES
+from .cost import LOSSES
 from .solvers import SOLVERS
+from .virtual_image import LEVEL_MODES
 
 # The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
 TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
-from ..geometry import models
-from ..geometry.parametrization import Parametrization
-from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
@@ -17,12 +13,10 @@ from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
 from .drift_limit import astray
-from .levels import PROBE_DEPTHS, Levels
-from .nets import grid_shape, net_of
 from .options import MOST_TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
-from .sample_grid import SampleGrid
 from .stages import Stage
+from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS, IntensityProfile, VirtualImage
 
 # Surroundings of the region that the model may start in, mm.
 REGION_MARGIN_MM = 10.0
@@ -41,20 +35,6 @@ COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
 # Largest displacement of a control point at which the surface has come to its boundary points, mm.
 BOUNDARY_TOLERANCE = 0.02
-
-
-@lru_cache(maxsize=8)
-def machinery(net: tuple[int, int], closure: str, halvings: int = 0) -> tuple[Parametrization, SampleGrid]:
-    """Make what depends on the net alone: its degrees of freedom and its sample grid.
-
-    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all, and
-    one for each time that their spans are halved.
-    """
-    model = models.closed_organ(net, closure=closure)
-    for _ in range(halvings):
-        model = model.refined()
-    grid = SampleGrid.on(model, grid_shape(net_of(model, closure)))
-    return closed_organ_parametrization(model, closure=closure), grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +105,10 @@ class Plan:
         """Plan the stages on the region: global scaling, and local registration."""
         patience, patience_cost = _patience(options)
         target = self.target
+        profile = IntensityProfile(-target.extent, target.extent, 2.0 * target.extent, ramp="linear")
         far = {
             "sampler": Sampler(target.distance),
-            "levels": Levels(-target.extent, target.extent, 2.0 * target.extent, mode="given"),
-            "ramp": "linear",
+            "virtual": VirtualImage(profile, mode="given"),
             "n_depths": 3,
             "cost_tolerance": patience_cost * REGION_COST_TOLERANCE,
             "sliding": SLIDING,
@@ -178,8 +158,11 @@ def grey_level_stages(
         Stage(
             name,
             sampler,
-            Levels(inside, outside, widening * options.tau, mode=options.levels, voxel=voxel),
-            centered=options.centered,
+            VirtualImage(
+                IntensityProfile(inside, outside, widening * options.tau, centered=options.centered),
+                mode=options.levels,
+                voxel=voxel,
+            ),
             reach=0.5,
             n_depths=5,
             bending=options.smoothness,
@@ -276,7 +259,7 @@ def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions
     u, v = surface.midpoints(24, 16)
     points, normals = surface.points(u, v), surface.normals(u, v)
     medians = []
-    for depths in (PROBE_DEPTHS[PROBE_DEPTHS <= -1.0], PROBE_DEPTHS[PROBE_DEPTHS >= 0.375]):
+    for depths in (PROBE_DEPTHS[INSIDE_PROBES], PROBE_DEPTHS[OUTSIDE_PROBES]):
         values, valid = sampler.values(points[:, None] + options.tau * depths[:, None] * normals[:, None])
         if not valid.any():
             msg = "The surface lies outside of the volume; choose the volume that it was fitted in."

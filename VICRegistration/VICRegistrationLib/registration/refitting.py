@@ -7,17 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry.parametrization import Parametrization
-from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from .automatic import Outcome
 from .choosing import anchor_for, chosen_beside, chosen_by
-from .nets import grid_shape
+from .nets import sampled
 from .options import FitOptions
 from .plan import surface_stages
-from .sample_grid import SampleGrid
-from .stages import Step, cost_of, last_step
+from .stages import Step, last_step
 
 # A surface whose cost falls by more than this share as soon as it is let go does not lie at its edge. Those that were
 # fitted gain 0.03 to 0.36 on phantoms and real bladders, those that were moved by 1.5 mm at least 0.65.
@@ -46,9 +43,9 @@ def looked_at(image: Image, surface: BSplineSurface, options: FitOptions) -> Out
         If the surface lies outside of the volume.
     """
     options, choices = chosen_beside(image, surface, options)
-    closed, grid = _machinery(surface, options)
+    space = sampled(surface, options.closure)
     _, fine, _ = surface_stages(image, surface, _NO_POINTS, options)
-    return Outcome(options, choices, cost_of(surface, fine.correlation(closed, grid)))
+    return Outcome(options, choices, fine.correlation(space).cost_of(surface))
 
 
 def fit_again(image: Image, surface: BSplineSurface, options: FitOptions) -> Generator[Step, None, Outcome]:
@@ -82,21 +79,15 @@ def fit_again(image: Image, surface: BSplineSurface, options: FitOptions) -> Gen
     Otherwise it is held where it lies, as the region held it when it was fitted: fitted again, it moves little.
     """
     started, _ = chosen_beside(image, surface, options)
-    closed, grid = _machinery(surface, options)
+    space = sampled(surface, options.closure)
     look, _, _ = surface_stages(image, surface, _NO_POINTS, started)
-    before = cost_of(surface, look.correlation(closed, grid))
-    caught = yield from last_step(replace(look, name="grey levels, first look"), closed, grid)
+    before = look.correlation(space).cost_of(surface)
+    caught = yield from last_step(replace(look, name="grey levels, first look"), space)
     chosen, choices = chosen_by(caught, look.sampler, image.ijk_to_ras[:3, :3], options)
     coarse, _, _ = surface_stages(image, surface, _NO_POINTS, chosen)
     _, fine, _ = surface_stages(image, surface, _NO_POINTS, chosen, anchor=anchor_for(caught))
     reached = surface
     if caught.cost < (1.0 - _BESIDE) * before:
-        reached = (yield from last_step(coarse, closed, grid)).surface
-    reached = (yield from last_step(fine, closed.at(reached), grid)).surface
-    return Outcome(chosen, choices, cost_of(surface, fine.correlation(closed.at(reached), grid)))
-
-
-def _machinery(surface: BSplineSurface, options: FitOptions) -> tuple[Parametrization, SampleGrid]:
-    """Degrees of freedom and sample grid of a surface."""
-    closed = closed_organ_parametrization(surface, closure=options.closure)
-    return closed, SampleGrid.on(surface, grid_shape(options.net))
+        reached = (yield from last_step(coarse, space)).surface
+    reached = (yield from last_step(fine, space.at(reached))).surface
+    return Outcome(chosen, choices, fine.correlation(space.at(reached)).cost_of(surface))

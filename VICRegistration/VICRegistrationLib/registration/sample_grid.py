@@ -1,4 +1,9 @@
-"""Parameters at which a surface is compared with an image, and its basis functions there."""
+"""Where a surface is compared with an image, and how it moves there.
+
+Samples lie along normal lines of the surface, x = S(u, v) + d n(u, v). Here is all of them that no image changes: their
+parameters and basis functions, points and normals, and what the degrees of freedom do to these. Images that are
+compared with one surface share it.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,13 @@ import numpy as np
 from scipy import sparse
 
 from ..geometry import bspline
+from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
-from .pair_products import PairProducts
 
-# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some to spare.
+# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some more.
 _KEPT_MOTIONS = 8
+# Below this number of control points dense matrices are faster than sparse ones.
+_DENSE_LIMIT = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +96,249 @@ def _kept(made: dict, matrix: sparse.csr_matrix, make: Callable[[], object]):
         while len(made) > _KEPT_MOTIONS:
             del made[next(iter(made))]
     return made[id(matrix)][1]
+
+
+@dataclass(frozen=True, eq=False)
+class PairProducts:
+    """Products of pairs of functions that meet at a sample: what quadratic forms of a displacement are sums of.
+
+    Few basis functions meet at a sample, so that few of their products are not zero. These are worked out once for all
+    weights that the samples will ever have.
+
+    Parameters
+    ----------
+    n : int
+        Number of functions.
+    rows, columns : (n_pairs,) ndarray of int
+        Which two functions; rows <= columns, each pair once.
+    products : (n_pairs, n_samples) csr_matrix
+        Of the two at each sample.
+    """
+
+    n: int
+    rows: np.ndarray
+    columns: np.ndarray
+    products: sparse.csr_matrix
+
+    @classmethod
+    def of(cls, functions: sparse.csr_matrix) -> PairProducts:
+        """Multiply all functions that meet.
+
+        Parameters
+        ----------
+        functions : (n_samples, n) sparse matrix
+            Values of n functions at the samples.
+
+        Returns
+        -------
+        PairProducts
+        """
+        functions = sparse.csr_matrix(functions, copy=True)
+        functions.eliminate_zeros()
+        functions.sort_indices()
+        n_samples, n = functions.shape
+        count = np.diff(functions.indptr)
+        pairs, samples, values = [], [], []
+        # Samples with equally many functions are done at once.
+        for number in np.unique(count):
+            here = np.flatnonzero(count == number)
+            first, second = (functions.indptr[here][:, None] + part for part in np.triu_indices(number))
+            pairs.append((functions.indices[first] * np.int64(n) + functions.indices[second]).ravel())
+            samples.append(np.repeat(here.astype(np.int32), first.shape[1]))
+            values.append((functions.data[first] * functions.data[second]).ravel())
+        place = np.concatenate(pairs), np.concatenate(samples)
+        products = sparse.csr_matrix((np.concatenate(values), place), shape=(n * n, n_samples))
+        there = np.flatnonzero(np.diff(products.indptr))
+        ends = np.append(products.indptr[there], products.nnz)
+        shape = (len(there), n_samples)
+        return cls(n, *np.divmod(there, n), sparse.csr_matrix((products.data, products.indices, ends), shape=shape))
+
+    def forms(self, weights: np.ndarray, *, dense: bool) -> list:
+        """Sum up the products, weighted.
+
+        Parameters
+        ----------
+        weights : (n_samples, m) ndarray
+        dense : bool
+            Whether arrays are wanted, or sparse matrices.
+
+        Returns
+        -------
+        list of m (n, n) ndarray or coo_matrix
+            F' diag(w) F for the functions F and each column w of the weights.
+        """
+        sums = self.products @ weights
+        if dense:
+            forms = np.zeros((sums.shape[1], self.n, self.n))
+            forms[:, self.rows, self.columns] = sums.T
+            forms[:, self.columns, self.rows] = sums.T
+            return list(forms)
+        below = self.rows < self.columns
+        place = np.append(self.rows, self.columns[below]), np.append(self.columns, self.rows[below])
+        return [sparse.coo_matrix((np.append(s, s[below]), place), shape=(self.n, self.n)) for s in sums.T]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Position of the surface at the samples: points, tangents S_u and S_v, their cross product, unit normals."""
+
+    points: np.ndarray
+    tangents: tuple[np.ndarray, np.ndarray]
+    cross: np.ndarray
+    length: np.ndarray
+    normals: np.ndarray
+
+    @property
+    def area(self) -> np.ndarray:
+        """Share of the surface's area that belongs to each sample, (n,), sum 1."""
+        return self.length / self.length.sum()
+
+    def along_normals(self, offsets: np.ndarray) -> np.ndarray:
+        """Points (n, m, 3) at distances (n, m) or (m,) along the normals."""
+        # Coordinates apart in memory, which numpy adds faster.
+        return np.moveaxis(self.points.T[:, :, None] + offsets * self.normals.T[:, :, None], 0, -1)
+
+    def normal_terms(self, lever: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors t_u, t_v (n, 3) with lever . dn = t_u . dS_u + t_v . dS_v."""
+        along = np.einsum("nk,nk->n", lever, self.normals)
+        tangential = (lever - along[:, None] * self.normals) / np.maximum(self.length, 1e-300)[:, None]
+        along_u, along_v = self.tangents
+        return cross(along_v, tangential), cross(tangential, along_u)
+
+
+class SampledSurface:
+    """A surface with degrees of freedom, at the samples of a grid.
+
+    Parameters
+    ----------
+    parametrization : Parametrization
+        How the surface deforms.
+    grid : SampleGrid
+        Made for surfaces with its knots.
+    use_sparse : bool, optional
+        Whether to use sparse matrices; for large control nets if not given.
+
+    Attributes
+    ----------
+    parametrization : Parametrization
+    grid : SampleGrid
+    sparse : bool
+    """
+
+    def __init__(self, parametrization: Parametrization, grid: SampleGrid, *, use_sparse: bool | None = None):
+        self.parametrization = parametrization
+        self.grid = grid
+        flat = parametrization.surface.control_net.reshape(-1, 3)
+        self.sparse = len(flat) > _DENSE_LIMIT if use_sparse is None else use_sparse
+        self._start = tuple(basis @ flat for basis in grid.bases[:3])
+        motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
+        self._motion = tuple(zip(*motions))
+        # Coordinates that move alike are computed at once.
+        self._alike = all(motion is motions[0] for motion in motions)
+        self._last = None
+
+    @property
+    def n_dof(self) -> int:
+        """Number of degrees of freedom."""
+        return self.parametrization.n_dof
+
+    def at(self, surface: BSplineSurface) -> SampledSurface:
+        """Count the same degrees of freedom from another surface that they reach."""
+        return SampledSurface(self.parametrization.at(surface), self.grid, use_sparse=self.sparse)
+
+    def frame(self, q: np.ndarray) -> Frame:
+        """Points, tangents and normals at the samples for degrees of freedom (n_dof,)."""
+        if self._last is not None and np.array_equal(q, self._last[0]):
+            return self._last[1]
+        indices = self.parametrization.indices
+        parts = []
+        for start, motion in zip(self._start, self._motion):
+            if self._alike:
+                moved = motion[0] @ np.stack([q[index] for index in indices], axis=1)
+            else:
+                moved = np.stack([matrix @ q[index] for matrix, index in zip(motion, indices)], axis=1)
+            parts.append(start + moved)
+        points, along_u, along_v = parts
+        product = cross(along_u, along_v)
+        length = np.sqrt(np.einsum("nk,nk->n", product, product))
+        normals = product / np.maximum(length, 1e-12 * length.max())[:, None]
+        frame = Frame(points, (along_u, along_v), product, length, normals)
+        # An iteration starts where the last one ended.
+        self._last = q.copy(), frame
+        return frame
+
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """Second derivatives of the signed distance from the surface, (n, 3, 3), 1/mm."""
+        frame = self.frame(q)
+        net = self.parametrization.control_net(q).reshape(-1, 3)
+        uu, uv, vv = (-np.einsum("nk,nk->n", frame.normals, basis @ net) for basis in self.grid.bases[3:])
+        # Dual tangents: S_u . D_u = 1, S_u . D_v = 0 and so on.
+        along_u, along_v = frame.tangents
+        dual_u = cross(along_v, frame.normals) / frame.length[:, None]
+        dual_v = cross(frame.normals, along_u) / frame.length[:, None]
+        mixed = dual_u[:, :, None] * dual_v[:, None, :]
+        return (
+            uu[:, None, None] * dual_u[:, :, None] * dual_u[:, None, :]
+            + uv[:, None, None] * (mixed + mixed.transpose(0, 2, 1))
+            + vv[:, None, None] * dual_v[:, :, None] * dual_v[:, None, :]
+        )
+
+    def gradient(self, frame: Frame, direct: np.ndarray, lever: np.ndarray) -> np.ndarray:
+        """Sum over the samples of direct . dS + lever . dn, by the degrees of freedom, (n_dof,).
+
+        Parameters
+        ----------
+        frame : Frame
+            Where the surface is.
+        direct, lever : (n, 3) ndarray
+        """
+        result = np.zeros(self.n_dof)
+        for motion, part in zip(self._motion, (direct, *frame.normal_terms(lever))):
+            for k, index in enumerate(self.parametrization.indices):
+                result[index] += motion[k].T @ part[:, k]
+        return result
+
+    def normal_motion(self, normals: np.ndarray):
+        """Displacement of the samples along normals (n, 3) by each degree of freedom, (n, n_dof) array or matrix."""
+        parts = [sparse.diags(normals[:, k]) @ motion for k, motion in enumerate(self._motion[0])]
+        if self.sparse and self._alike:
+            return sparse.hstack(parts, format="csr")
+        result = np.zeros((len(normals), self.n_dof))
+        for part, index in zip(parts, self.parametrization.indices):
+            result[:, index] += part.toarray() if self.sparse else part
+        return result
+
+    def quadratic_form(self, outer: np.ndarray):
+        """Sum over the samples of dS' M dS for symmetric matrices M (n, 3, 3), as a matrix (n_dof, n_dof)."""
+        pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+        weights = np.stack([outer[:, a, b] for a, b in pairs], axis=1)
+        motion, indices = self._motion[0], self.parametrization.indices
+        if self._alike:
+            blocks = self.grid.products(self.parametrization.matrices[0]).forms(weights, dense=not self.sparse)
+        elif self.sparse:
+            blocks = [(motion[a].T @ sparse.diags(w) @ motion[b]).tocoo() for (a, b), w in zip(pairs, weights.T)]
+        else:
+            blocks = [motion[a].T @ (w[:, None] * motion[b]) for (a, b), w in zip(pairs, weights.T)]
+        whole = [(indices[a], indices[b], block) for (a, b), block in zip(pairs, blocks)]
+        whole += [(indices[b], indices[a], block.T) for (a, b), block in zip(pairs, blocks) if a != b]
+        shape = (self.n_dof, self.n_dof)
+        if self.sparse:
+            rows = np.concatenate([rows[block.row] for rows, _, block in whole])
+            columns = np.concatenate([columns[block.col] for _, columns, block in whole])
+            return sparse.csc_matrix((np.concatenate([block.data for *_, block in whole]), (rows, columns)), shape)
+        total = np.zeros(shape)
+        for rows, columns, block in whole:
+            total[np.ix_(rows, columns)] += block
+        return total
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of (n, 3) arrays; numpy's own is several times slower."""
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        axis=1,
+    )

@@ -1,18 +1,19 @@
-"""Minimisation of the correlation's cost: Gauss-Newton with Levenberg-Marquardt damping, and gradient descent.
+"""Minimisation of an objective: Gauss-Newton with Levenberg-Marquardt damping, and gradient descent.
 
 Both are generators of iterates, so that a caller can show progress and cancel between any two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse import linalg as sparse_linalg
 
-from .correlation import Correlation, Frame, Samples
+from .banded import BandedMatrix
+from .cost import Objective, Samples
+from .sample_grid import Frame
 
 # A step that turns the surface's normals further than this mean cosine would fold it.
 _MINIMUM_COSINE = 0.5
@@ -47,50 +48,6 @@ class Iterate:
     displacement: float
 
 
-class Objective:
-    """Cost of a correlation plus a quadratic regularisation about a reference.
-
-    Parameters
-    ----------
-    correlation : Correlation
-    stiffness : (n_dof, n_dof) ndarray or sparse matrix, optional
-        K of the added term (q - q_ref)' K (q - q_ref), dimensionless; none if not given.
-    reference : (n_dof,) ndarray, optional
-        q_ref, zero if not given.
-    """
-
-    def __init__(self, correlation: Correlation, *, stiffness=None, reference: np.ndarray | None = None):
-        self.correlation = correlation
-        self.stiffness = stiffness
-        n_dof = correlation.parametrization.n_dof
-        self.reference = np.zeros(n_dof) if reference is None else reference
-
-    def value(self, q: np.ndarray, samples: Samples) -> float:
-        """Cost plus regularisation."""
-        if self.stiffness is None:
-            return samples.cost
-        offset = q - self.reference
-        return samples.cost + float(offset @ (self.stiffness @ offset))
-
-    def gradient(self, q: np.ndarray, samples: Samples) -> np.ndarray:
-        """Half the derivative of the value, (n_dof,)."""
-        gradient = self.correlation.gradient(samples)
-        if self.stiffness is not None:
-            gradient += self.stiffness @ (q - self.reference)
-        return gradient
-
-    def hessian(self, samples: Samples):
-        """Half the Gauss-Newton second derivative of the value."""
-        hessian = self.correlation.hessian(samples)
-        return hessian if self.stiffness is None else hessian + self.stiffness
-
-    def displacement(self, step: np.ndarray) -> float:
-        """Largest displacement of a control point by a step of the degrees of freedom, mm."""
-        parametrization = self.correlation.parametrization
-        moved = [m @ step[index] for m, index in zip(parametrization.matrices, parametrization.indices)]
-        return float(np.sqrt(sum(part**2 for part in moved)).max())
-
-
 def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) -> Iterator[Iterate]:
     """Gauss-Newton iterations with Levenberg-Marquardt damping, without end.
 
@@ -109,36 +66,53 @@ def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) ->
 
     Notes
     -----
-    The damping follows the ratio of the real to the predicted decrease (Nielsen, IMM-REP-1999-05).
+    The damping follows the ratio of the real to the predicted decrease (Nielsen, IMM-REP-1999-05); it grows too where
+    the damped matrix is not positive definite.
     """
-    damping, growth = 1e-3, 4.0
+    damping = _Damping()
     while True:
-        objective.correlation.refresh(q)
-        samples = objective.correlation.sample(q)
+        objective.refresh(q)
+        samples = objective.sample(q)
         value = objective.value(q, samples)
         gradient = objective.gradient(q, samples)
         hessian = objective.hessian(samples)
-        expected = None
+        solve = _damped(hessian)
+        step, trial, decrease, moved, expected = np.zeros_like(q), samples, 0.0, 0.0, None
         for _ in range(8):
-            step = _damped_solution(hessian, gradient, damping)
-            moved = objective.displacement(step)
-            scale = min(1.0, largest_step / max(moved, 1e-300))
-            step, moved = scale * step, scale * moved
-            trial = objective.correlation.sample(q + step)
-            decrease = value - objective.value(q + step, trial)
-            predicted = -float(step @ (2.0 * gradient + hessian @ step))
-            expected = predicted if expected is None else expected
-            if decrease > 0.0 and _keeps_orientation(samples, trial):
-                gain = decrease / predicted if predicted > 0.0 else 0.0
-                damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-4)
-                growth = 4.0
-                break
-            damping, growth = min(damping * growth, 1e6), 2.0 * growth
-        else:
-            step, trial, decrease, moved = np.zeros_like(q), samples, 0.0, 0.0
+            found = solve(gradient, damping.value)
+            if found is not None:
+                reached = objective.displacement(found)
+                scale = min(1.0, largest_step / max(reached, 1e-300))
+                found, reached = scale * found, scale * reached
+                there = objective.sample(q + found)
+                gained = value - objective.value(q + found, there)
+                predicted = -float(found @ (2.0 * gradient + hessian @ found))
+                expected = predicted if expected is None else expected
+                if gained > 0.0 and _keeps_orientation(samples, there):
+                    damping.succeeded(gained / predicted if predicted > 0.0 else 0.0)
+                    step, trial, decrease, moved = found, there, gained, reached
+                    break
+            damping.failed()
         q = q + step
-        shares = _share(decrease, value), _share(expected, value)
-        yield Iterate(q, trial.cost, *shares, float(np.abs(step).max()), moved)
+        cost = sum(part.cost for part in trial)
+        shares = _share(decrease, value), _share(expected or 0.0, value)
+        yield Iterate(q, cost, *shares, float(np.abs(step).max()), moved)
+
+
+class _Damping:
+    """Levenberg-Marquardt damping that follows the ratio of the real to the predicted decrease (Nielsen)."""
+
+    def __init__(self) -> None:
+        self.value, self._growth = 1e-3, 4.0
+
+    def succeeded(self, gain: float) -> None:
+        """Damp less after a step that brought what was predicted, more after one that brought little."""
+        self.value = max(self.value * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-4)
+        self._growth = 4.0
+
+    def failed(self) -> None:
+        """Damp more, and the more the more often it fails."""
+        self.value, self._growth = min(self.value * self._growth, 1e6), 2.0 * self._growth
 
 
 def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float) -> Iterator[Iterate]:
@@ -159,11 +133,11 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
     Degrees of freedom are normalised by the displacement they cause (the parameter normalisation that the paper asks
     for when translations are free too). The step length doubles after a success and halves until the cost falls.
     """
-    normalisation = 1.0 / np.maximum(objective.correlation.parametrization.scales(), 1e-12) ** 2
+    normalisation = 1.0 / np.maximum(objective.scales(), 1e-12) ** 2
     length = None
     while True:
-        objective.correlation.refresh(q)
-        samples = objective.correlation.sample(q)
+        objective.refresh(q)
+        samples = objective.sample(q)
         value = objective.value(q, samples)
         gradient = objective.gradient(q, samples)
         direction = -normalisation * gradient
@@ -172,7 +146,7 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
         length = min(largest_step / reach, 2.0 * length if length else 0.5 * largest_step / reach)
         for _ in range(30):
             step = length * direction
-            trial = objective.correlation.sample(q + step)
+            trial = objective.sample(q + step)
             decrease = value - objective.value(q + step, trial)
             if decrease >= -1e-4 * length * slope and _keeps_orientation(samples, trial):
                 break
@@ -180,9 +154,11 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
         else:
             step, trial, decrease = np.zeros_like(q), samples, 0.0
         q = q + step
-        # The slope alone promises nothing that could be compared: descent is expected to bring what it brings.
+        # The slope alone foretells nothing that could be compared: descent is expected to bring what it brings.
         share = _share(decrease, value)
-        yield Iterate(q, trial.cost, share, share, float(np.abs(step).max()), objective.displacement(step))
+        yield Iterate(
+            q, sum(part.cost for part in trial), share, share, float(np.abs(step).max()), objective.displacement(step)
+        )
 
 
 SOLVERS = {"gauss-newton": gauss_newton, "gradient-descent": gradient_descent}
@@ -193,11 +169,14 @@ def _share(decrease: float, value: float) -> float:
     return decrease / value if value > 0.0 else 0.0
 
 
-def _keeps_orientation(before: Samples, after: Samples) -> bool:
-    """Whether a step leaves the surface neither mirrored (det R > 0) nor turned inside out."""
-    cosine = np.einsum("nk,nk->n", before.frame.normals, after.frame.normals)
-    # A flattened organ can come out mirrored without its normals turning far, so that they are not enough.
-    return bool(cosine.mean() > _MINIMUM_COSINE and _content(before.frame) * _content(after.frame) > 0.0)
+def _keeps_orientation(before: Sequence[Samples], after: Sequence[Samples]) -> bool:
+    """Whether a step leaves no surface mirrored (det R > 0) or turned inside out."""
+    for one, other in ((a.frame, b.frame) for a, b in zip(before, after)):
+        cosine = np.einsum("nk,nk->n", one.normals, other.normals)
+        # A flattened organ can come out mirrored without its normals turning far, so that they are not enough.
+        if not (cosine.mean() > _MINIMUM_COSINE and _content(one) * _content(other) > 0.0):
+            return False
+    return True
 
 
 def _content(frame: Frame) -> float:
@@ -205,17 +184,20 @@ def _content(frame: Frame) -> float:
     return float(np.vdot(frame.points - frame.points.mean(axis=0), frame.cross))
 
 
-def _damped_solution(hessian, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """Solution of (H + damping diag H) step = -gradient."""
+def _damped(hessian) -> Callable[[np.ndarray, float], np.ndarray | None]:
+    """Prepare to solve (H + damping diag H) step = -gradient; None where that is not positive definite."""
+    banded = BandedMatrix(hessian) if sparse.issparse(hessian) else None
     diagonal = hessian.diagonal()
-    # Directions without any support get the mean support, so that the matrix stays regular.
-    lift = damping * (diagonal + diagonal.mean()) + 1e-9 * diagonal.mean() + 1e-300
-    if sparse.issparse(hessian):
-        matrix = (hessian + sparse.diags(lift)).tocsc()
-        # The ordering and the pivoting for symmetric positive definite matrices: several times faster.
-        factors = sparse_linalg.splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-        return -factors.solve(gradient)
-    factor = linalg.cho_factor(hessian + np.diag(lift), check_finite=False)
-    return -linalg.cho_solve(factor, gradient, check_finite=False)
+
+    def solve(gradient: np.ndarray, damping: float) -> np.ndarray | None:
+        # Directions without any support get the mean support, so that the matrix stays regular.
+        lift = damping * (diagonal + diagonal.mean()) + 1e-9 * diagonal.mean() + 1e-300
+        try:
+            if banded is not None:
+                return -banded.solve(gradient, lift=lift)
+            factor = linalg.cho_factor(hessian + np.diag(lift), check_finite=False)
+            return -linalg.cho_solve(factor, gradient, check_finite=False)
+        except linalg.LinAlgError:
+            return None
+
+    return solve

@@ -7,18 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.bending import bending_matrix
-from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
-from .correlation import Correlation
-from .levels import Levels
-from .losses import LOSSES
-from .profile import cosine_ramp, linear_ramp
-from .sample_grid import SampleGrid
-from .solvers import SOLVERS, Iterate, Objective
+from .cost import LOSSES, Correlation, Objective
+from .sample_grid import SampledSurface
+from .solvers import SOLVERS, Iterate
+from .virtual_image import VirtualImage
 
-RAMPS = {"cosine": cosine_ramp, "linear": linear_ramp}
 STOP_RULES = ("displacement", "parameters")
 # A solver that expected a larger share of the cost than this to go, and got almost nothing, is stuck, not at rest.
 _STUCK = 0.05
@@ -34,12 +29,8 @@ class Stage:
         Shown with progress and in the convergence table.
     sampler : Sampler
         The image of this stage.
-    levels : Levels
-        Levels and ramp width of its virtual image.
-    ramp : {"cosine", "linear"}
-        Shape of the profile's ramp: equation 3, or straight for a distance image.
-    centered : bool
-        Whether the surface lies at half height of the ramp (default) or at its inner foot, as published.
+    virtual : VirtualImage
+        What it is compared with.
     reach : float
         Samples lie between -reach and +reach widths from the surface (from the middle of the ramp).
     n_depths : int
@@ -49,7 +40,7 @@ class Stage:
         Bending is the thin-plate energy (1 for one wave around the organ as high as the ramp is wide), sliding the mean
         square within the surface, which the image does not determine, anchor the mean square along the normal.
     loss : {"squares", "huber"}
-        How much samples with large residuals count, see :func:`.losses.sample_shares`.
+        How much samples with large residuals count, see :func:`.cost.sample_shares`.
     solver : {"gauss-newton", "gradient-descent"}
     stop_rule : {"displacement", "parameters"}
         Stop when no control point moved by more than `tolerance` (mm), or no degree of freedom changed by more than
@@ -64,9 +55,7 @@ class Stage:
 
     name: str
     sampler: Sampler
-    levels: Levels
-    ramp: str = "cosine"
-    centered: bool = True
+    virtual: VirtualImage
     reach: float = 1.0
     n_depths: int = 9
     bending: float = 0.0
@@ -82,24 +71,22 @@ class Stage:
 
     def __post_init__(self) -> None:
         """Check the choices."""
-        for name, choices in (
-            ("solver", SOLVERS),
-            ("stop rule", STOP_RULES),
-            ("ramp", RAMPS),
-            ("loss", LOSSES),
-        ):
+        for name, choices in (("solver", SOLVERS), ("stop rule", STOP_RULES), ("loss", LOSSES)):
             found = getattr(self, name.replace(" ", "_"))
             if found not in choices:
                 msg = f"The {name} {found!r} was asked for; choose one of {', '.join(choices)}."
                 raise ValueError(msg)
 
-    def correlation(self, parametrization: Parametrization, grid: SampleGrid) -> Correlation:
-        """Make the correlation that this stage minimises over a parametrization."""
-        depths = np.linspace(-self.reach, self.reach, self.n_depths) + (0.0 if self.centered else 0.5)
-        ramp = RAMPS[self.ramp](depths, centered=self.centered)
-        return Correlation(
-            self.sampler, parametrization, grid, depths=depths, ramp=ramp, levels=self.levels, loss=self.loss
-        )
+    def correlation(self, surface: SampledSurface) -> Correlation:
+        """Make the correlation of a surface with the image of this stage."""
+        depths = self.virtual.profile.depths(self.reach, self.n_depths)
+        return Correlation(self.sampler, self.virtual, surface, depths=depths, loss=self.loss)
+
+    def objective(self, surface: SampledSurface) -> Objective:
+        """Make what this stage minimises over the degrees of freedom of a surface."""
+        correlation = self.correlation(surface)
+        energies = correlation.energies(bending=self.bending, sliding=self.sliding, anchor=self.anchor)
+        return Objective([correlation], stiffness=energies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +123,13 @@ class Step:
         return self.stopped_by in (*STOP_RULES, "cost")
 
 
-def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> Generator[Step, None, np.ndarray]:
-    """Run one stage from the parametrization's surface (q = 0).
+def run_stage(stage: Stage, surface: SampledSurface) -> Generator[Step, None, np.ndarray]:
+    """Run one stage from a surface on (q = 0).
 
     Parameters
     ----------
     stage : Stage
-    parametrization : Parametrization
-    grid : SampleGrid
-        Sample grid for surfaces with this surface's knots.
+    surface : SampledSurface
 
     Yields
     ------
@@ -156,20 +141,18 @@ def run_stage(stage: Stage, parametrization: Parametrization, grid: SampleGrid) 
     (n_dof,) ndarray
         The degrees of freedom at the end.
     """
-    correlation = stage.correlation(parametrization, grid)
-    objective = Objective(correlation, stiffness=stiffness(stage, correlation))
-    q = np.zeros(parametrization.n_dof)
-    for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
+    q = np.zeros(surface.n_dof)
+    for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, stage.objective(surface)), start=1):
         q = iterate.q
-        surface = parametrization.deform(q)
-        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, surface, stopped_by)
+        reached = surface.parametrization.deform(q)
+        yield Step(stage.name, iteration, iterate.cost, iterate.displacement, reached, stopped_by)
     return q
 
 
-def last_step(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> Generator[Step, None, Step]:
+def last_step(stage: Stage, surface: SampledSurface) -> Generator[Step, None, Step]:
     """Run a stage as :func:`run_stage` does, and return its last step."""
     step = None
-    for step in run_stage(stage, parametrization, grid):
+    for step in run_stage(stage, surface):
         yield step
     return step
 
@@ -188,7 +171,7 @@ def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate,
     stopped_by : str
         Why the stage ends here, see :class:`Step`; empty before its end.
     """
-    q = np.zeros(objective.correlation.parametrization.n_dof)
+    q = np.zeros(objective.n_dof)
     iterates = SOLVERS[stage.solver](objective, q, largest_step=stage.largest_step)
     for iteration in range(1, stage.max_iterations + 1):
         iterate = next(iterates)
@@ -198,22 +181,13 @@ def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate,
             return
 
 
-def promise(stage: Stage, parametrization: Parametrization, grid: SampleGrid) -> float:
-    """Share of its cost and energies that a stage expects of one Gauss-Newton step from the parametrization's surface.
+def expected_decrease(stage: Stage, surface: SampledSurface) -> float:
+    """Share of its cost and energies that a stage expects of one Gauss-Newton step from a surface.
 
     What a whole fit brings is about twice as much, where the surface already lies near the edge.
     """
-    correlation = stage.correlation(parametrization, grid)
-    objective = Objective(correlation, stiffness=stiffness(stage, correlation))
-    iterate, _ = next(iterate_stage(replace(stage, solver="gauss-newton"), objective))
+    iterate, _ = next(iterate_stage(replace(stage, solver="gauss-newton"), stage.objective(surface)))
     return iterate.expected
-
-
-def cost_of(surface: BSplineSurface, correlation: Correlation) -> float:
-    """Cost of a surface as a correlation sees it, with the levels found along the surface from which that starts."""
-    closed = correlation.parametrization
-    correlation.refresh(np.zeros(closed.n_dof))
-    return correlation.sample(closed.fit(surface.control_net)).cost
 
 
 def _stopped_by(stage: Stage, iterate: Iterate) -> str:
@@ -224,32 +198,3 @@ def _stopped_by(stage: Stage, iterate: Iterate) -> str:
     if iterate.expected > _STUCK and iterate.expected > 10.0 * iterate.decrease:
         return "no better point"
     return stage.stop_rule if moved < stage.tolerance else "cost"
-
-
-def stiffness(stage: Stage, correlation: Correlation, *, anchor: float | None = None):
-    """Bending, sliding and anchor energies over the degrees of freedom.
-
-    Parameters
-    ----------
-    stage : Stage
-    correlation : Correlation
-    anchor : float, optional
-        In place of the stage's.
-
-    Returns
-    -------
-    (n_dof, n_dof) ndarray or sparse matrix
-    """
-    parametrization = correlation.parametrization
-    unit = stage.levels.width**2
-    total = correlation.displacement_form(
-        np.zeros(parametrization.n_dof),
-        tangential=stage.sliding / unit,
-        normal=(stage.anchor if anchor is None else anchor) / unit,
-    )
-    if stage.bending > 0.0:
-        # One wave around the organ has second derivatives of (2 pi)^2 times its height.
-        weight = stage.bending / unit / (2.0 * np.pi) ** 4
-        form = weight * parametrization.quadratic_form(bending_matrix(parametrization.surface))
-        total = total + (form if correlation.sparse else form.toarray())
-    return total

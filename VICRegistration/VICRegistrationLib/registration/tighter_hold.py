@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 
-from ..geometry.parametrization import Parametrization
 from ..messages import Diagnostic
 from .nets import net_of, net_text
 from .options import FitOptions
 from .plan import Plan
-from .sample_grid import SampleGrid
+from .sample_grid import SampledSurface
 from .stages import Step, last_step
 
 # How much tighter the region holds a surface that goes astray without.
@@ -37,7 +36,7 @@ def hold(
     plan: Plan,
     near: Step,
     spare: tuple[str, Step],
-    machinery: tuple[Parametrization, SampleGrid],
+    space: SampledSurface,
     options: FitOptions,
     anchor: float,
     lost: Diagnostic,
@@ -51,7 +50,7 @@ def hold(
         Surface of the region, from which to fit, and which is kept if the image holds none.
     spare : str and Step
         A surface to keep if not even that of the region is in its place, and what it is called.
-    machinery : Parametrization and SampleGrid
+    space : SampledSurface
         Of their net.
     options : FitOptions
         With `tau` and `smoothness`.
@@ -69,7 +68,6 @@ def hold(
     step : Step
     held : Held
     """
-    closed, grid = machinery
     net = net_of(near.surface, options.closure)
     for factor in _TIGHTER:
         step = near
@@ -77,7 +75,7 @@ def hold(
         for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
             # Stages are told apart by their names, and more than one net may have to be held.
             name = f"{stage.name}, {net_text(net)}, held {factor:g} times tighter"
-            step = yield from last_step(replace(stage, name=name), closed.at(step.surface), grid)
+            step = yield from last_step(replace(stage, name=name), space.at(step.surface))
         if not plan.astray(step.surface):
             done = Diagnostic("held_tighter", {"net": net_text(net), "factor": factor})
             return step, Held(f"{factor:g} times tighter", (lost, done))

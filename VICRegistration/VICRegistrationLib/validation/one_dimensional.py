@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
-from ..registration.profile import IntensityProfile
+from ..registration.virtual_image import IntensityProfile
 
 PROFILE = IntensityProfile(inside=130.0, outside=25.0, width=3.0, centered=False)
 TRUE_SHIFT = 2.6

@@ -7,7 +7,7 @@ straight down below the rim, and a smoothing of 0.5 mm (standard deviation).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,15 +17,15 @@ from ..geometry import models
 from ..geometry.parametrization import affine, affine_matrix
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler, smooth
-from ..registration.levels import Levels
-from ..registration.profile import cosine_ramp
-from ..registration.sample_grid import SampleGrid
+from ..registration.sample_grid import SampledSurface, SampleGrid
 from ..registration.stages import Stage, Step, run_stage
+from ..registration.virtual_image import IntensityProfile, VirtualImage
 
 IMAGE_MM = 100.0
 BELL_MM = 50.0
 RAMP_MM = 6.0
 SMOOTHING_MM = 0.5
+PROFILE = IntensityProfile(inside=1.0, outside=0.0, width=RAMP_MM)
 
 _TILT = np.deg2rad(20.0)
 
@@ -104,7 +104,7 @@ def prototypical_image(n: int) -> Image:
         # Half a coarse voxel more than the ramp: the rough distances decide only what is far inside or far outside.
         near = np.abs(distance) < RAMP_MM / 2.0 + IMAGE_MM / 25.0
         distance[near] = _distances(points[near])
-        grey[k] = cosine_ramp(distance / RAMP_MM).reshape(n, n)
+        grey[k] = PROFILE.value(distance).reshape(n, n)
     return smooth(Image(grey, image.ijk_to_ras), SMOOTHING_MM)
 
 
@@ -164,7 +164,8 @@ def run_test(test: PrototypicalTest, image: Image, *, solver: str = "gauss-newto
     whole = np.eye(4)
     surface, history = start, []
     for stage in _plan(image, solver):
-        steps = run_stage(stage, affine(surface, free=test.free, center=np.zeros(3)), grid)
+        moving = affine(surface, free=test.free, center=np.zeros(3))
+        steps = run_stage(stage, SampledSurface(moving, grid))
         while True:
             try:
                 history.append(next(steps))
@@ -186,7 +187,7 @@ def _plan(image: Image, solver: str) -> list[Stage]:
             Stage(
                 f"{blur:g} mm blur",
                 sampler,
-                Levels(1.0, 0.0, width, mode="given"),
+                VirtualImage(replace(PROFILE, width=width), mode="given"),
                 solver=solver,
                 n_depths=13,
                 stop_rule="parameters",

@@ -1,4 +1,9 @@
-"""Grey levels on both sides of the surface and the width of the ramp between them, given or estimated."""
+"""The virtual image: grey levels that a surface would have in an image, by the signed distance from it.
+
+Across the surface it follows the intensity profile of equation 3, a ramp between the level inside and the level
+outside. Along the surface the levels are given, or estimated from the real image; and the ramp lies where the blur of
+the real image moves a curved edge.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +17,114 @@ LEVEL_MODES = ("local", "organ", "given")
 # Where the levels are read off a normal line, in units of the ramp's width. Inside, only beyond the whole ramp:
 # nearer to the surface the blurred edge darkens the plateau, and the surface would settle too far out.
 PROBE_DEPTHS = np.linspace(-2.0, 1.25, 14)
-_INSIDE = PROBE_DEPTHS <= -1.0
-_OUTSIDE = PROBE_DEPTHS >= 0.375
+INSIDE_PROBES = PROBE_DEPTHS <= -1.0
+OUTSIDE_PROBES = PROBE_DEPTHS >= 0.375
 
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
+# Of the contrast that is expected, at least so much is the unit of the residuals.
+_LEAST_CONTRAST = 0.05
+
+
+def cosine_ramp(distance: np.ndarray, *, centered: bool = True) -> np.ndarray:
+    """Ramp of equation 3 between 1 (inside) and 0 (outside).
+
+    Parameters
+    ----------
+    distance : ndarray
+        Signed distance outward from the surface in units of the ramp's width tau.
+    centered : bool
+        Whether the surface lies in the middle of the ramp or, as published, at its inner foot.
+
+    Returns
+    -------
+    ndarray
+        Same shape.
+    """
+    position = np.clip(distance + 0.5 if centered else distance, 0.0, 1.0)
+    return 0.5 * (1.0 + np.cos(np.pi * position))
+
+
+def linear_ramp(distance: np.ndarray, *, centered: bool = True) -> np.ndarray:
+    """Straight ramp between 1 and 0 in place of the cosine: the profile of a clipped distance image."""
+    return 1.0 - np.clip(distance + 0.5 if centered else distance, 0.0, 1.0)
+
+
+RAMPS = {"cosine": cosine_ramp, "linear": linear_ramp}
+
+
+@dataclass(frozen=True, eq=False)
+class IntensityProfile:
+    """Grey level as a function of the signed distance from the surface (level set function).
+
+    Parameters
+    ----------
+    inside, outside : float or (n, 1) ndarray
+        Grey levels on both sides (A_max and A_min of the paper), of all places or of each of n normal lines; the inside
+        may be the darker one.
+    width : float
+        Width tau of the ramp between them, mm.
+    centered : bool
+        True: the surface lies at half height, ramp from -tau/2 to tau/2. False: as published, ramp from 0 to tau, which
+        puts the surface at the inner foot of the ramp.
+    ramp : {"cosine", "linear"}
+        Shape of the ramp: equation 3, or straight for a distance image.
+
+    Raises
+    ------
+    ValueError
+        If the width is not positive, a number is not finite or the ramp is unknown.
+
+    Notes
+    -----
+    Equation 3 of Jiang et al. (Strain 2019).
+
+    Examples
+    --------
+    >>> IntensityProfile(inside=130.0, outside=25.0, width=3.0).value([-1.5, 0.0, 1.5])
+    array([130. ,  77.5,  25. ])
+    """
+
+    inside: float | np.ndarray
+    outside: float | np.ndarray
+    width: float
+    centered: bool = True
+    ramp: str = "cosine"
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        finite = np.isfinite(self.inside).all() and np.isfinite(self.outside).all() and np.isfinite(self.width)
+        if not (finite and self.width > 0.0):
+            levels = (float(np.mean(level)) for level in (self.inside, self.outside))
+            msg = (
+                "A profile from {:g} to {:g} over {:g} mm was given; finite grey levels and a positive width are "
+                "needed.".format(*levels, self.width)
+            )
+            raise ValueError(msg)
+        if self.ramp not in RAMPS:
+            msg = f"The ramp {self.ramp!r} was asked for; choose one of {', '.join(RAMPS)}."
+            raise ValueError(msg)
+
+    def value(self, distance: np.ndarray) -> np.ndarray:
+        """Grey level L(d) at signed distances (outward positive, mm)."""
+        ramp = RAMPS[self.ramp](np.asarray(distance) / self.width, centered=self.centered)
+        return self.outside + (self.inside - self.outside) * ramp
+
+    def depths(self, reach: float, count: int) -> np.ndarray:
+        """Distances from the surface at which it is compared, (count,) mm: as far on both sides of the ramp's middle.
+
+        Parameters
+        ----------
+        reach : float
+            The farthest from the middle, in units of the width.
+        count : int
+        """
+        return self.width * (np.linspace(-reach, reach, count) + self.middle)
+
+    @property
+    def middle(self) -> float:
+        """Where the middle of the ramp lies outward of the surface, in units of the width."""
+        return 0.0 if self.centered else 0.5
 
 
 @lru_cache(maxsize=16)
@@ -26,29 +134,31 @@ def _smoothing_matrix(n: int, sigma: float, mode: str) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
-    """Levels of the intensity profile along a surface.
+class VirtualImage:
+    """An intensity profile along a surface, and where its levels come from.
 
     Parameters
     ----------
-    inside, outside : float
-        Grey levels of the organ and of its surroundings; with mode "given" they are used everywhere, otherwise they
-        only tell which side is the brighter one and what contrast to expect.
-    width : float
-        Width tau of the ramp, mm.
+    profile : IntensityProfile
+        With one level on each side. With mode "given" they are those of the whole surface; otherwise they only tell
+        which side is the brighter one and what contrast to expect.
     mode : {"local", "organ", "given"}
         "organ": one pair of levels, the means over the surface. "local": a pair for each normal line, smoothed over
         its neighbours, for surroundings that change along the surface.
     voxel : (3, 3) ndarray, optional
-        Columns are the edges of a voxel, mm. When given, the ramp is moved to where the image's blur moves a curved
-        edge, and levels come from places where the voxel is short along the normal rather than across thick slices.
+        Columns are the edges of a voxel of the real image, mm. When given, the ramp is moved to where the image's blur
+        moves a curved edge, and levels come from places where the voxel is short along the normal rather than across
+        thick slices.
     smoothing : float
         Standard deviation of the smoothing over neighbours, as a fraction of the surface's parameter range.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or both levels are the same.
     """
 
-    inside: float
-    outside: float
-    width: float
+    profile: IntensityProfile
     mode: str = "local"
     voxel: np.ndarray | None = None
     smoothing: float = 0.1
@@ -58,20 +168,22 @@ class Levels:
         if self.mode not in LEVEL_MODES:
             msg = f"The level mode {self.mode!r} was asked for; choose one of {', '.join(LEVEL_MODES)}."
             raise ValueError(msg)
-        if not (np.isfinite([self.inside, self.outside]).all() and self.inside != self.outside):
+        if self.profile.inside == self.profile.outside:
             msg = (
-                f"The grey levels {self.inside:g} inside and {self.outside:g} outside were given; two different finite "
-                "levels are needed. Check the thresholds: the organ must differ from its surroundings."
+                f"The grey level {self.profile.inside:g} was given for both sides of the surface; two different levels "
+                "are needed. Check the thresholds: the organ must differ from its surroundings."
             )
-            raise ValueError(msg)
-        if not self.width > 0.0:
-            msg = f"A ramp of {self.width:g} mm was asked for; give a positive width tau."
             raise ValueError(msg)
 
     @property
     def adaptive(self) -> bool:
         """Whether the levels are estimated from the image."""
         return self.mode != "given"
+
+    @property
+    def probes(self) -> np.ndarray:
+        """Distances from the surface at which levels are read off the image, (m,) mm."""
+        return self.profile.width * (PROBE_DEPTHS + self.profile.middle)
 
     def blur(self, normals: np.ndarray) -> np.ndarray:
         """Length of a voxel along unit normals (n, 3), in units of its shortest edge, (n,)."""
@@ -102,12 +214,12 @@ class Levels:
             return np.zeros(len(curvature))
         covariance = self.voxel @ self.voxel.T / 4.0
         shift = -0.5 * np.einsum("ab,nab->n", covariance, curvature)
-        return np.clip(shift, -0.5 * self.width, 0.5 * self.width)
+        return np.clip(shift, -0.5 * self.profile.width, 0.5 * self.profile.width)
 
     def contrast(self, inside: np.ndarray, outside: np.ndarray, area: np.ndarray) -> float:
         """One contrast for the organ, the unit of the residuals."""
         difference = np.average(np.abs(inside - outside), weights=area)
-        return float(max(difference, 0.05 * abs(self.inside - self.outside)))
+        return float(max(difference, _LEAST_CONTRAST * abs(self.profile.inside - self.profile.outside)))
 
     def estimate(self, values, valid, normals, area, shape):
         """Levels on every normal line from the grey levels along all of them.
@@ -134,9 +246,9 @@ class Levels:
         """
         weight = valid * (area / area.mean() / self.blur(normals) ** 2)[:, None]
         profile = self._neighbourhood_mean(values, weight, shape)
-        inside = profile[:, _INSIDE].mean(axis=1)
-        beyond = np.sort(profile[:, _OUTSIDE], axis=1)
-        farthest = beyond[:, :3] if self.inside > self.outside else beyond[:, -3:]
+        inside = profile[:, INSIDE_PROBES].mean(axis=1)
+        beyond = np.sort(profile[:, OUTSIDE_PROBES], axis=1)
+        farthest = beyond[:, :3] if self.profile.inside > self.profile.outside else beyond[:, -3:]
         return inside, farthest.mean(axis=1)
 
     def credibility(self, values, valid, inside, outside) -> np.ndarray:
@@ -158,7 +270,7 @@ class Levels:
         A line without an edge has large residuals and only noise for a gradient: it would throw the surface about.
         """
         sides = []
-        for plateau in (_INSIDE, _OUTSIDE):
+        for plateau in (INSIDE_PROBES, OUTSIDE_PROBES):
             count = valid[:, plateau].sum(axis=1)
             mean = np.where(valid[:, plateau], values[:, plateau], 0.0).sum(axis=1) / np.maximum(count, 1)
             sides.append((mean, count > 0))
@@ -170,15 +282,14 @@ class Levels:
     def _neighbourhood_mean(self, values: np.ndarray, weight: np.ndarray, shape) -> np.ndarray:
         """Weighted mean at each depth, over the organ or over each line's neighbourhood, (n, m)."""
         total = weight.sum(axis=0)
-        fallback = np.where(PROBE_DEPTHS < 0.0, self.inside, self.outside)
+        fallback = np.where(PROBE_DEPTHS < 0.0, self.profile.inside, self.profile.outside)
         mean = np.where(total > 0.0, (weight * values).sum(axis=0) / np.maximum(total, 1e-300), fallback)
         if self.mode == "organ":
             return np.broadcast_to(mean, values.shape)
         # Where all neighbours are blurred or outside of the volume, the organ's mean takes over.
-        prior = _PRIOR
         along_u = _smoothing_matrix(shape[0], self.smoothing * shape[0], "wrap")
         along_v = _smoothing_matrix(shape[1], self.smoothing * shape[1], "nearest")
-        parts = np.concatenate([weight * values + prior * mean, weight + prior], axis=1)
+        parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
         sums = along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)
         sums, weights = np.split(sums.reshape(len(values), -1), 2, axis=1)
         return sums / weights
