@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk
-from small_phantom import SEED, ellipsoid_image
+from small_phantom import SEED, ellipsoid, ellipsoid_image
 
 import VICRegistrationLib
 from VICRegistrationLib import cli
 from VICRegistrationLib.cli import fitting, results_folder
 from VICRegistrationLib.cli.process import silenced_stderr
+from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
@@ -206,7 +207,6 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--erosion", "-inf"], ["--erosion", "zero or a positive length"]),
         (["--erosion", "1e308"], ["more than half of the volume's longest side", "Use a few millimetres"]),
         (["--series", "1.2.3"], ["--series was given", "is a file"]),
-        (["--sead", "1,2,3"], ["unrecognized arguments: --sead 1,2,3"]),
         (["--config", "organs.json"], ["Both --config and --organ were given"]),
         (["--organ", "rectum"], ["--organ was given twice, bladder and rectum", "--config FILE"]),
     ],
@@ -215,6 +215,52 @@ def test_options_that_cannot_be_met(refused_fit, image_path, options, words):
     line = refused_fit(image_path, *ORGAN, *options)
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["fit", "mri.nrrd", "--sead", "1,2,3"], "fit has no flag --sead; did you mean --seed?; see"),
+        (["compare", "a.json", "b.nrrd", "--lable=3"], "compare has no flag --lable; did you mean --label?; see"),
+        (["gaps", "a.json", "b.json", "--quickly"], "gaps has no flag --quickly; see"),
+        (["phantom", "out", "more"], "more is one argument too many; see"),
+    ],
+)
+def test_an_unknown_flag_shows_the_usage_of_its_command(capsys, arguments, told):
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert end.value.code == 2
+    *usage, line = capsys.readouterr().err.splitlines()
+    assert usage[0].startswith(f"usage: vic-registration {arguments[0]} ")
+    assert line.startswith("vic-registration: error: ")
+    assert f"{told} vic-registration {arguments[0]} --help." in line
+
+
+def with_closed_pipe(folder, words, **streams):
+    """Run the program with a stdout that nobody reads."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(VICRegistrationLib.__file__).parents[1])}
+    program = [sys.executable, "-m", "VICRegistrationLib", *words]
+    with subprocess.Popen(program, cwd=folder, env=environment, stdout=subprocess.PIPE, **streams) as run:
+        run.stdout.close()
+        told = "" if run.stderr is None else run.stderr.read()
+    return run.returncode, told
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no pipes of this kind")
+@pytest.mark.parametrize(
+    ("words", "code"), [(["--help"], 0), (["compare", "truth.json", "truth.json", "--points", "100"], 141)]
+)
+def test_a_pipe_that_nobody_reads_ends_quietly(tmp_path, words, code):
+    write_surface(ellipsoid(), tmp_path / "truth.json", name="bladder")
+    assert with_closed_pipe(tmp_path, words, stderr=subprocess.PIPE, text=True) == (code, "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no pipes of this kind")
+def test_the_work_goes_on_if_nobody_reads_about_it(tmp_path):
+    write_surface(ellipsoid(), tmp_path / "truth.json", name="bladder")
+    words = ["export", "truth.json", "--stl", "out.stl"]
+    assert with_closed_pipe(tmp_path, words, stderr=subprocess.STDOUT) == (0, "")
+    assert (tmp_path / "out.stl").is_file()
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import re
+import sys
 from collections.abc import Callable, Sequence
 
 from .. import __version__
@@ -102,6 +104,15 @@ class _Parser(argparse.ArgumentParser):
         line = " ".join(message.split()).rstrip(".")
         self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
 
+    def refuse_unknown(self, word: str) -> None:
+        """Print the usage of this command, and what it does not know."""
+        self.print_usage(sys.stderr)
+        if not word.startswith("-"):
+            self.error(f"{word} is one argument too many")
+        flag = word.partition("=")[0]
+        close = difflib.get_close_matches(flag, self._option_string_actions, n=1)
+        self.error(f"{self.prog} has no flag {flag}" + (f"; did you mean {close[0]}?" if close else ""))
+
 
 class _Once(argparse.Action):
     """A name that counts once: a second one would be taken in its place, and the first forgotten."""
@@ -165,7 +176,10 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     compare_command.add_parser(subparsers, _add_command)
     gaps_command.add_parser(subparsers, _add_command)
     mesh_command.add_parser(subparsers, _add_command)
-    return parser.parse_args(_joined(arguments))
+    options, unknown = parser.parse_known_args(_joined(arguments))
+    if unknown:
+        subparsers.choices[options.command].refuse_unknown(unknown[0])
+    return options
 
 
 def _add_command(subparsers, name: str, summary: str, run: Callable, **kwargs) -> argparse.ArgumentParser:
