@@ -230,16 +230,6 @@ def test_a_volume_has_no_standard_deviation_where_much_of_the_surface_follows_no
     assert "without a standard deviation, as much of the surface follows no edge" in text
 
 
-def test_grey_levels_are_not_negative_where_the_image_is_not(plain, image):
-    options = dataclasses.replace(plain.fit.options, threshold=(-50.0, 900.0))
-    fit = SimpleNamespace(**{**vars(plain.fit), "problems": (), "iterations": 3, "confidence": Confidence()})
-    fit.options = options
-    organ = dataclasses.replace(plain, fit=fit)
-    assert "0 to 900" in Page(page_of([organ], image)).words
-    shifted = Image(image.array - 2000, image.ijk_to_ras)
-    assert "-50 to 900" in Page(page_of([organ], shifted)).words
-
-
 def test_the_convergence_comes_last_and_rising_costs_are_explained(parsed):
     headings = [word for word in parsed.words if word in ("Result", "Inputs", "Convergence", "What was chosen and why")]
     assert headings == ["Result", "Inputs", "What was chosen and why", "Convergence"] * 2

@@ -13,6 +13,7 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import ball_reach, dilate, erode, fill_holes, keep_components
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.segmentation.growing import grown_region
 from VICRegistrationLib.segmentation.separation import separate
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "bladder_mri"
@@ -93,6 +94,18 @@ def test_a_ball_has_its_volume_with_nothing_but_a_seed(levels):
     assert region.volume_ml == pytest.approx(4 / 3 * np.pi * 14**3 / 1000, rel=0.03)
     assert region.touches_border == ()
     assert region.erosion == 2.0
+
+
+def test_automatic_limits_are_not_below_the_lowest_grey_level_of_the_image():
+    dark = ball_image(inside=80.0, outside=300.0)
+    low, high = grown_region(dark, CENTER[None]).threshold
+    assert low == dark.array.min()
+    assert separate(dark, CENTER[None]).threshold[0] >= dark.array.min()
+    assert 80.0 < high < 300.0
+    # What is given is kept as it is, and means the same voxels.
+    given = separate(dark, CENTER[None], threshold=(-50.0, high))
+    assert given.threshold == (-50.0, high)
+    np.testing.assert_array_equal(given.mask, separate(dark, CENTER[None], threshold=(low, high)).mask)
 
 
 def test_the_region_is_in_its_place_with_a_margin(image):

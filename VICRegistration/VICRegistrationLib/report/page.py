@@ -18,7 +18,7 @@ from ..registration.confidence import Confidence
 from ..registration.nets import net_text
 from .contents import ComparedOrgan, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
-from .pictures import page_figures, page_overview
+from .pictures import overview_figure, page_figures
 
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")
@@ -84,7 +84,7 @@ def report_html(
     template = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, **how).get_template("page.html")
     return template.render(
         organs=[_organ(organ, image) for organ in organs],
-        overview=_base64(page_overview(image, organs)) if len(organs) > 1 else "",
+        overview=_base64(overview_figure(image, organs, heading=False)) if len(organs) > 1 else "",
         image_rows=_image_rows(image),
         source=source,
         program=program,
@@ -126,7 +126,7 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
         "compared": "" if compared is None else compared.against,
         "distances": () if compared is None else _distances(compared),
         "dice": () if compared is None else _dice(compared),
-        "inputs": _inputs(organ, image),
+        "inputs": _inputs(organ),
         "choices": [(choice.option, str(choice.value), sentences(choice.reasons)) for choice in fit.choices],
         "stages": _stages(organ),
     }
@@ -221,7 +221,7 @@ def _dice(compared: ComparedOrgan) -> list[list[str]]:
     return [list(row) for row in zip(*columns)]
 
 
-def _inputs(organ: ReportedOrgan, image: Image) -> list[tuple]:
+def _inputs(organ: ReportedOrgan) -> list[tuple]:
     fit, region = organ.fit, organ.fit.region
     options = fit.options
 
@@ -231,8 +231,6 @@ def _inputs(organ: ReportedOrgan, image: Image) -> list[tuple]:
     rows: list[tuple] = [("Seeds, RAS mm", _places(organ.seeds), "as given")] if len(organ.seeds) else []
     if options.threshold is not None:
         low, high = options.threshold
-        # An image without negative grey levels has none to be let in.
-        low = max(low, min(float(image.array.min()), 0.0))
         rows.append(("Grey levels of the organ", f"{low:.4g} to {high:.4g}", origin("threshold")))
     erosion = options.erosion if region is None or region.erosion is None else region.erosion
     dilation = erosion if options.dilation is None else options.dilation

@@ -19,7 +19,7 @@ from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_nu
 from .slices import Contour, Marks, draw_slices
 
 # Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
-REFERENCE_COLOUR = "#2f5bff"
+REFERENCE_COLOUR = "#3d6cff"
 _SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff4df0", "D")
 # As many as there are stages at most: of three nets, the coarser one kept, boundary points.
 _STAGE_COLOURS = (
@@ -54,8 +54,8 @@ def organ_figure(image: Image, organ: ReportedOrgan):
     return figure
 
 
-def overview_figure(image: Image, organs: Sequence[ReportedOrgan]):
-    """Draw several organs for a file: slices in three planes, and the surfaces from two sides.
+def overview_figure(image: Image, organs: Sequence[ReportedOrgan], *, heading: bool = True):
+    """Draw several organs: slices in three planes, and the surfaces from two sides.
 
     Parameters
     ----------
@@ -63,6 +63,8 @@ def overview_figure(image: Image, organs: Sequence[ReportedOrgan]):
         The grey levels that were fitted.
     organs : sequence of ReportedOrgan
         One or more.
+    heading : bool
+        Whether there is a title with the volumes; the page has words of its own.
 
     Returns
     -------
@@ -73,17 +75,11 @@ def overview_figure(image: Image, organs: Sequence[ReportedOrgan]):
     RuntimeError
         If matplotlib is not installed.
     """
-    figure = blank_figure(13.0, 9.5)
-    volumes = ", ".join(f"{organ.name} {organ.fit.surface.volume() / 1000.0:.1f} ml" for organ in organs)
-    write_heading(figure, "Fitted organs", [volumes])
-    _draw_pair(figure, 8.35, image, organs, (USUAL, FRONT))
-    return figure
-
-
-def page_overview(image: Image, organs: Sequence[ReportedOrgan]):
-    """Draw several organs for the page, which has words of its own."""
-    figure = blank_figure(11.0, 7.6)
-    _draw_pair(figure, 7.55, image, organs, (USUAL, FRONT))
+    figure = blank_figure(13.0, 9.5 if heading else 8.6)
+    if heading:
+        volumes = ", ".join(f"{organ.name} {organ.fit.surface.volume() / 1000.0:.1f} ml" for organ in organs)
+        write_heading(figure, "Fitted organs", [volumes])
+    _draw_pair(figure, 8.35 if heading else 8.5, image, organs, (USUAL, FRONT))
     return figure
 
 

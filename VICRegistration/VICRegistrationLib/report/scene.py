@@ -224,7 +224,7 @@ def draw_numbers(
     size = 2.0 * np.linalg.norm(mesh.points - mesh.points.mean(axis=0), axis=1).max()
     side = width / len(SIDES)
     for number, viewpoint in enumerate(SIDES):
-        axes = axes_at(figure, number * side, 2.45, side, min(side, 2.7))
+        axes = axes_at(figure, (number + 0.04) * side, 2.45, 0.92 * side, min(side, 2.7))
         draw_scene(axes, [shape], viewpoint, matt=True, size=size)
     beyond = values.min() < limits[0], values.max() > limits[1]
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]

@@ -73,7 +73,8 @@ def grown_region(image: Image, seeds, *, threshold=None, erosion=None, dilation=
     seeds, edges = looked_around(image, seeds, given)
     limits = given or Limits.along(edges, image)
     voxels = voxels_of(image, seeds)
-    threshold = limits.low, limits.high
+    # Automatic limits are levels that the image has: below its lowest one they would be the same voxels, said oddly.
+    threshold = (limits.low if given else max(limits.low, float(image.array.min()))), limits.high
     if erosion is None:
         start, mask, erosion = _separated_by_default(
             image, edges, seeds, limits, dilation, most=np.inf if given else _ABSURD
