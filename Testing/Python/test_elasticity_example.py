@@ -18,7 +18,7 @@ from VICRegistrationLib.phantoms.organs import pelvic_organs
 
 pytest.importorskip("skfem", reason="scikit-fem is not installed")
 
-INNER, OUTER, PRESSURE, YOUNG, POISSON, FOUNDATION = 20.0, 30.0, 2.0, 100.0, 0.45, 0.2
+INNER, OUTER, PRESSURE, YOUNG, POISSON, FOUNDATION = 20.0, 30.0, 2.0, 100.0, 0.3, 0.2
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_a_sphere_under_pressure_is_lame_s(elasticity, meshed):
     displacement, stress = lame_sphere()
     work = 0.5 * PRESSURE * 4.0 * np.pi * INNER**2 * displacement(INNER)
     springs = 0.5 * FOUNDATION * 4.0 * np.pi * OUTER**2 * displacement(OUTER) ** 2
-    # Elements of 6 mm are 0.4 % too stiff here, and the generic model's sphere is too small by 0.2 %.
+    # Elements of 6 mm are 0.2 to 0.6 % too stiff here, as rounding makes gmsh mesh in one way or another.
     assert found.largest_displacement == pytest.approx(displacement(INNER), rel=0.01)
     assert found.energy + found.foundation_energy == pytest.approx(work, rel=0.01)
     assert found.foundation_energy == pytest.approx(springs, rel=0.01)
