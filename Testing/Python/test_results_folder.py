@@ -28,6 +28,7 @@ from VICRegistrationLib.imaging.reading import read_image, write_image
 
 pytestmark = pytest.mark.usefixtures("one_net", "small_pictures")
 
+ROOT = Path(__file__).resolve().parents[2]
 OTHER_SEED = "-10,10,-18"
 ENDINGS = (".json", ".vtp", ".stl", "_convergence.csv")
 
@@ -386,3 +387,31 @@ def test_surfaces_of_all_runs_are_what_the_report_says(images, folder):
         record = read_surface_record(folder / f"{name}.json")
         assert (record.name, record.net) == (name, organ["net"])
         assert organ["volume_ml"] == pytest.approx(record.surface.volume() / 1000.0)
+
+
+def test_every_key_of_the_report_is_documented(images, tmp_path):
+    boundary = ("--boundary", "3,8,-20", "--no-pictures")
+    assert fit(images / "mri.nrrd", "bladder", tmp_path / "out", *boundary) == 0
+    found = report(tmp_path / "out")
+    organ = found["organs"]["bladder"]
+    text = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8").partition("## report.json")[2]
+    documented = set(re.findall(r"`(\w+)`", text))
+    assert {*found, *organ, *organ["region"], *organ["choices"][0]} <= documented
+    snippet = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
+    names = {}
+    exec(snippet.replace('"organs"', repr(str(tmp_path / "out")), 1), names)
+    spacing = np.prod(found["image_spacing_mm"])
+    assert names["mask"].sum() * spacing / 1000.0 == pytest.approx(organ["separated_volume_ml"])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no fork")
+def test_fits_that_are_ended_at_random_moments_leave_old_or_new_results():
+    """A few of the moments of the benchmark, which takes 100."""
+    run = subprocess.run(
+        [sys.executable, ROOT / "Testing" / "benchmarks" / "kills.py", "--moments", "6"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "6 fits of about" in run.stdout

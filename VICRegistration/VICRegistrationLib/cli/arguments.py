@@ -56,8 +56,8 @@ examples:
   vic-registration compare build/fit/*.vtp build/phantom/truth --output build/deviation
   vic-registration reproduce build/reproduce
 
-Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 130 after Ctrl-C
-and 143 after SIGTERM (nothing is written).
+Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 3 if --keep-going left
+organs out; 130 after Ctrl-C and 143 after SIGTERM (nothing is written).
 """
 
 _FIT_EPILOG = """\
@@ -76,8 +76,9 @@ and, for all organs together:
   report.json           the numbers, for programs
   overview.png          with several organs
   organs.step           with several organs and --step: their assembly
-Files of these names are replaced when all organs are done, and older pictures and solids of the same organs removed if
-none are made now; other files stay.
+DIR belongs to one image: organs are added to it or replaced in it, and report.json, report.html, overview.png and
+organs.step are about all of them. Older pictures and solids of the same organs are removed if none are made now. Files
+that are no results are never touched.
 
 Several organs are described in a JSON file. Its keys are the words of the flags:
   {"schema": "vic-registration/organs", "version": 1,
