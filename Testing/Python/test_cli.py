@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import __version__, cli
@@ -19,6 +22,7 @@ from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.cli.arguments import parsed_arguments
 from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.surface_file import read_surface_record
+from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
@@ -248,6 +252,49 @@ def test_a_seed_may_begin_with_a_minus_sign(words):
 
 
 @pytest.mark.usefixtures("one_net")
+def test_what_the_file_contradicts_itself_in_is_told_everywhere(image_path, tmp_path, capsys):
+    path, out = tmp_path / "mri.nii", tmp_path / "out"
+    content = bytearray(gzip.decompress(image_path.read_bytes()))
+    # Sform and qform are there, and pixdim says 1 mm for slices of 3 mm.
+    struct.pack_into("<f", content, 88, 1.0)
+    struct.pack_into("<2h", content, 252, 0, 1)
+    path.write_bytes(content)
+    assert fit(path, "--organ", "bladder", "--seed", SEED, "--output", out, "--quiet") == 0
+    sentence = (
+        f"{path}: its sform has voxels of 1.2 x 1.2 x 3 mm, its pixdim says 1.2 x 1.2 x 1 mm; the sform was taken"
+    )
+    assert f"warning: {sentence}\n" in capsys.readouterr().err
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert (report["image_warnings"], report["image_frame"]) == ([sentence], None)
+    assert "its pixdim says 1.2 x 1.2 x 1 mm" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_one_of_several_volumes_is_fitted(tmp_path, capsys):
+    image, path, out = ellipsoid_image(), tmp_path / "mri.nrrd", tmp_path / "out"
+    volumes = [sitk.GetImageFromArray(levels) for levels in (np.flip(image.array, axis=2), image.array)]
+    for volume in volumes:
+        lps = np.diag([-1.0, -1.0, 1.0, 1.0]) @ image.ijk_to_ras
+        volume.SetDirection((lps[:3, :3] / image.spacing).ravel().tolist())
+        volume.SetSpacing(image.spacing.tolist())
+        volume.SetOrigin(lps[:3, 3].tolist())
+    sitk.WriteImage(sitk.Compose(volumes), str(path))
+    words = (path, "--organ", "bladder", "--seed", SEED, "--output", out, "--quiet", "--no-pictures")
+    assert fit(*words) == 2
+    assert "Choose it with --frame 1 to --frame 2" in capsys.readouterr().err
+    assert fit(*words, "--frame", 2) == 0
+    assert json.loads((out / "report.json").read_text())["image_frame"] == 2
+    with pytest.raises(SystemExit):
+        fit(*words, "--frame", "RAS")
+    assert "the frame of a mesh is --reference-frame" in capsys.readouterr().err
+
+
+def test_a_label_map_in_the_place_of_an_mri_is_told(tmp_path, capsys):
+    image, path = ellipsoid_image(), tmp_path / "label.nrrd"
+    write_image(Image((image.array > 600).astype(np.uint8), image.ijk_to_ras), path)
+    fit(path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path / "out", "--quiet", "--no-pictures")
+    assert f"warning: {path}: it holds only 2 different values, as a label map does" in capsys.readouterr().err
+
+
 def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):
     whole = ellipsoid_image()
     # Slices run from left to right (k), pixels from front to back (i) and from top to bottom (j).

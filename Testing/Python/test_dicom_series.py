@@ -65,7 +65,7 @@ def test_a_stack_is_where_its_slices_are(tmp_path, orientation, order, shear):
     matrix, array = by_pydicom(folder)
     np.testing.assert_allclose(found.ijk_to_ras, matrix, atol=1e-5)
     np.testing.assert_array_equal(found.array, array)
-    # A tilt is told, however small; highdicom and ITK straighten it.
+    # A tilt is told; ITK straightens it, and so does highdicom up to 2.5 degrees.
     assert [("tilted gantry" in note) for note in notes] == [True] * (shear != (0.0, 0.0))
 
 
@@ -237,6 +237,13 @@ def test_orientations_in_one_series_are_chosen_by_their_size(tmp_path):
     assert "holds a single slice" in refusal(folder, frame=2)
     more = write_series(tmp_path / "series", stack(positions(CORONAL, count=4), CORONAL))
     assert farthest(read_image(more, frame=2)) < 0.05
+
+
+def test_a_single_file_is_refused(tmp_path):
+    folder = write_series(tmp_path / "series", stack(positions()))
+    assert "holds a single slice; a surface needs several slices, so give the folder" in refusal(folder / "IM000_0")
+    folder = write_series(tmp_path / "mosaic", stack(positions(), ImageType=["ORIGINAL", "PRIMARY", "MOSAIC"]))
+    assert "is a Siemens mosaic" in refusal(folder / "IM000_0")
 
 
 def test_a_series_is_chosen_by_its_number(tmp_path):

@@ -106,7 +106,7 @@ def test_a_sheared_file_is_read_as_it_is(tmp_path):
     notes = check(nifti(tmp_path / "a.nii", matrix))
     assert [re.sub(r".*: its", "its", note) for note in notes] == [
         "its qform places it up to 0.8 mm away from its sform; the sform was taken",
-        "its axes are 5.7 degrees from perpendicular; it is placed as its sform says",
+        "its axes are 5.7 degrees from perpendicular (a tilted gantry?); it is placed as it says",
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,12 @@ import SimpleITK as sitk
 
 from . import multiframe
 from .library_messages import one_line
-from .slices import Slice, Stack, stacked
+from .slices import Slice, stacked
 
 _SOP_CLASS, _IMAGE_TYPE, _FRAMES, _SAMPLES = "0008|0016", "0008|0008", "0028|0008", "0028|0002"
 _SERIES, _SERIES_DESCRIPTION, _SERIES_NUMBER = "0020|000e", "0008|103e", "0020|0011"
 _FRAME_OF_REFERENCE = "0020|0052"
+_READER = "GDCMImageIO"
 _ROWS, _COLUMNS = "0028|0010", "0028|0011"
 _POSITION, _ORIENTATION, _SPACING = "0020|0032", "0020|0037", "0028|0030"
 _PLACING = {
@@ -39,6 +40,9 @@ _TELLING = {
 }
 # What is no image of a patient, though it has pixels: segmentations.
 _SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
+
+# So many names of files are listed.
+_LISTED = 3
 
 Header = dict[str, str]
 Placed = tuple[np.ndarray, np.ndarray, list[str]]
@@ -83,10 +87,9 @@ def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
         If it is not clear which series is meant, or it is no volume.
     """
     headers, damaged = _headers(folder)
-    array, matrix, notes = _read(_chosen_series(headers, folder, series), f"the DICOM series in {folder}", frame)
-    if damaged:
-        notes.append(f"{len(damaged)} files of the folder are no complete DICOM files, such as {damaged[0]}")
-    return array, matrix, notes
+    array, matrix = _read(_chosen_series(headers, folder, series), f"the DICOM series in {folder}", frame)
+    note = f"it holds files that are damaged and were left out ({len(damaged)}): {', '.join(damaged[:_LISTED])}"
+    return array, matrix, [note] if damaged else []
 
 
 def read_file(path: Path, frame: int | None) -> Placed:
@@ -112,10 +115,11 @@ def read_file(path: Path, frame: int | None) -> Placed:
     if header.get(_SOP_CLASS) in _SEGMENTATIONS:
         msg = f"{path} is a DICOM segmentation, not an image; give the series that it was drawn in."
         raise ValueError(msg)
+    _check_kind(header, str(path), str(path))
     if not _several_frames(header):
         msg = f"{path} holds a single slice; a surface needs several slices, so give the folder that holds the series."
         raise ValueError(msg)
-    return _read({str(path): header}, str(path), frame)
+    return *_read({str(path): header}, str(path), frame), []
 
 
 # ------------------------------------------------------------------ which files
@@ -170,17 +174,18 @@ def _header(name: str) -> Header:
     """Texts of a file's own elements by their tags."""
     reader = sitk.ImageFileReader()
     reader.SetFileName(name)
-    reader.SetImageIO("GDCMImageIO")
+    reader.SetImageIO(_READER)
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
         header = multiframe.header_of(name)
         if _ROWS in header:
             return header
-        if header:
+        kind = multiframe.kind_of(header.get(_SOP_CLASS, ""))
+        if kind and "Image" not in kind:
             msg = (
-                f"{name} is a DICOM file without an image ({multiframe.kind_of(header.get(_SOP_CLASS, ''))}); give an "
-                "image series, or for a reference a DICOM segmentation or a label image."
+                f"{name} is a DICOM file without an image ({kind}); give an image series, or for a reference a DICOM "
+                "segmentation or a label image."
             )
             raise _NoImageError(msg) from None
         msg = f"{name} cannot be read as a DICOM image ({one_line(error)}); give the files of an image series."
@@ -189,21 +194,26 @@ def _header(name: str) -> Header:
 
 
 def _several_frames(header: Header) -> bool:
-    return float(header.get(_FRAMES) or 1) > 1 or header.get(_SOP_CLASS) in multiframe.SOP_CLASSES
+    return _number(header, _FRAMES) > 1 or header.get(_SOP_CLASS) in multiframe.SOP_CLASSES
+
+
+def _number(header: Header, tag: str) -> int:
+    """Whole number of an element; 0 if it is missing or none."""
+    return int(header[tag]) if header.get(tag, "").isdecimal() else 0
 
 
 # ------------------------------------------------------------------ one series
 
 
-def _read(headers: dict[str, Header], what: str, frame: int | None) -> Placed:
+def _read(headers: dict[str, Header], what: str, frame: int | None) -> tuple[np.ndarray, np.ndarray]:
     _check_one_frame_of_reference(headers.values(), what)
     slices: list[Slice] = []
     for name, header in headers.items():
         _check_kind(header, name, what)
         slices += multiframe.slices_of(name) if _several_frames(header) else [_slice_of(name, header, what)]
-    stack = stacked(slices, what, frame)
+    ordered, matrix = stacked(slices, what, frame)
     multi = {name for name, header in headers.items() if _several_frames(header)}
-    return _voxels(stack, multi, what), stack.ijk_to_lps, list(stack.notes)
+    return _voxels(ordered, multi, what), matrix
 
 
 def _check_one_frame_of_reference(headers: Iterable[Header], what: str) -> None:
@@ -218,7 +228,7 @@ def _check_one_frame_of_reference(headers: Iterable[Header], what: str) -> None:
 
 def _check_kind(header: Header, name: str, what: str) -> None:
     """Refuse colours and mosaics."""
-    if int(header.get(_SAMPLES) or 1) > 1 or "PALETTE" in header.get("0028|0004", ""):
+    if _number(header, _SAMPLES) > 1 or "PALETTE" in header.get("0028|0004", ""):
         msg = f"The DICOM images in {what} are in colour; grey levels are needed. Choose another series."
         raise ValueError(msg)
     if "MOSAIC" in header.get(_IMAGE_TYPE, "").upper().split("\\"):
@@ -244,23 +254,24 @@ def _slice_of(name: str, header: Header, what: str) -> Slice:
                 "numbers are needed. Export the series again from where it was acquired."
             )
             raise ValueError(msg)
-    told = {keyword: header[tag] for tag, keyword in _TELLING.items() if header.get(tag)}
-    shape = int(header[_ROWS]), int(header[_COLUMNS])
-    return Slice(values[_POSITION], values[_ORIENTATION], values[_SPACING], shape, (name, 0), told)
+    properties = {keyword: header[tag] for tag, keyword in _TELLING.items() if header.get(tag)}
+    shape = _number(header, _ROWS), _number(header, _COLUMNS)
+    return Slice(values[_POSITION], values[_ORIENTATION], values[_SPACING], shape, (name, 0), properties)
 
 
-def _voxels(stack: Stack, multi: set[str], what: str) -> np.ndarray:
+def _voxels(slices: Sequence[Slice], multi: set[str], what: str) -> np.ndarray:
     """Grey levels of slices, with the slope and intercept of each."""
     wanted: dict[str, list[int]] = {}
-    for number, each in enumerate(stack.slices):
+    for number, each in enumerate(slices):
         wanted.setdefault(each.source[0], []).append(number)
-    images: list = [None] * len(stack.slices)
+    images: list = [None] * len(slices)
     for name, numbers in wanted.items():
         if name in multi:
-            found = multiframe.frames_of(name, [stack.slices[number].source[1] for number in numbers])
+            found = multiframe.frames_of(name, [slices[number].source[1] for number in numbers])
         else:
             try:
-                found = sitk.GetArrayFromImage(sitk.ReadImage(name)).reshape(1, *stack.slices[numbers[0]].shape)
+                image = sitk.ReadImage(name, imageIO=_READER)
+                found = sitk.GetArrayFromImage(image).reshape(1, *slices[numbers[0]].shape)
             except RuntimeError as error:
                 msg = f"The image {name} of {what} cannot be read ({one_line(error)}); copy the series again."
                 raise ValueError(msg) from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, MutableSequence, Sequence
 
 import numpy as np
 
@@ -57,11 +57,14 @@ def header_of(name: str) -> dict[str, str]:
     except (pydicom.errors.InvalidDicomError, OSError, EOFError):
         return {}
     texts = (element for element in dataset if element.VR != "SQ")
-    return {f"{each.tag.group:04x}|{each.tag.element:04x}": str(each.value) for each in texts}
+    kind = {"0008|0016": str(dataset.file_meta.get("MediaStorageSOPClassUID", ""))}
+    return {**kind, **{f"{each.tag.group:04x}|{each.tag.element:04x}": _text(each.value) for each in texts}}
 
 
 def kind_of(sop_class: str) -> str:
-    """Name of a kind of DICOM files, by its UID; pydicom is there."""
+    """Name of a kind of DICOM files, by its UID; empty for none, or if pydicom is not installed."""
+    if importlib.util.find_spec("pydicom") is None:
+        return ""
     from pydicom.uid import UID
 
     return UID(sop_class).name
@@ -98,8 +101,8 @@ def slices_of(name: str) -> list[Slice]:
     for number, frame in enumerate(dataset.PerFrameFunctionalGroupsSequence):
         groups = [frame, *dataset.get("SharedFunctionalGroupsSequence", [])]
         place = [_placing(groups, name, number, *which) for which in _PLACING]
-        told = dict(_told(groups, dimensions))
-        found.append(Slice(*place, (int(dataset.Rows), int(dataset.Columns)), (name, number), told))
+        properties = dict(_properties(groups, dimensions))
+        found.append(Slice(*place, (int(dataset.Rows), int(dataset.Columns)), (name, number), properties))
     return found
 
 
@@ -182,10 +185,10 @@ def segment_in(name: str, number: int) -> tuple[np.ndarray, np.ndarray]:
     _check_step(segmentation, name)
     try:
         volume = segmentation.get_volume(segment_numbers=[number], combine_segments=False, dtype=np.float32)
-    except RuntimeError as error:
-        if "volume" not in str(error):
+    except Exception as error:
+        if "regularly-spaced" not in str(error):
             raise ValueError(_not_decoded(name, error)) from error
-        msg = f"The frames of {name} are not in even steps along their normal ({_reason(error)}); export it again."
+        msg = f"The frames of {name} are not in even steps along their normal, so they are no volume; export it again."
         raise ValueError(msg) from error
     # Fractions of a voxel count from a half.
     mask = volume.array[..., 0] >= 0.5
@@ -283,6 +286,11 @@ def _element(groups: Sequence, sequence: str, keyword: str):
     return None
 
 
+def _text(value) -> str:
+    """Value of an element as DICOM writes it."""
+    return "\\".join(map(str, value)) if isinstance(value, MutableSequence) else str(value)
+
+
 def _dimensions(dataset) -> list[str]:
     """Names of the dimensions that the file counts its frames by."""
     from pydicom.datadict import keyword_for_tag
@@ -291,12 +299,12 @@ def _dimensions(dataset) -> list[str]:
     return [keyword_for_tag(pointer) or str(pointer) for pointer in pointers if pointer is not None]
 
 
-def _told(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _properties(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Properties that may tell a frame from others at its place."""
     for sequence, keyword in _TELLING:
         value = _element(groups, sequence, keyword)
         if value is not None:
-            yield keyword, "\\".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+            yield keyword, _text(value)
     indices = _element(groups, "FrameContentSequence", "DimensionIndexValues")
     if indices is not None:
         for number, index in enumerate(np.atleast_1d(indices)):

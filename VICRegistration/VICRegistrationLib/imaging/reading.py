@@ -19,16 +19,11 @@ from .volumes import volume_index
 LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
 # Formats that keep a volume in one file, so that replacing the file replaces the volume at once.
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
-# ITK's names of the formats that hold the distances of slices in mm, besides NIfTI and DICOM. Pictures hold none.
-_VOLUMES = (
-    "NrrdImageIO",
-    "MetaImageIO",
-    "VTKImageIO",
-    "GiplImageIO",
-    "MINCImageIO",
-    "HDF5ImageIO",
-    "Bruker2dseqImageIO",
-)
+# Axes that are farther from perpendicular are told, degrees: more than the noise of rotations in NIfTI files.
+_TOLD_DEGREES = 0.2
+# ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
+_VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
+_PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
 
 
 def read_image(
@@ -80,13 +75,14 @@ def read_image(
         raise ValueError(msg)
     with itk_warnings() as complaints:
         array, matrix, notes = _read(path, series, frame)
-    for text in [*notes, *(f"{path}: {text}" for text in complaints)]:
-        (warn or warnings.warn)(text)
     try:
-        return Image(array, matrix)
+        image = Image(array, matrix)
     except ValueError as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from None
+    for text in [*notes, *_about_shear(image), *complaints]:
+        (warn or warnings.warn)(text if str(path) in text else f"{path}: {text}")
+    return image
 
 
 def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -95,7 +91,7 @@ def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray
     if path.is_dir() or kind == "GDCMImageIO" or dicom.is_dicom(path):
         read = dicom.read_file(path, frame) if path.is_file() else dicom.read_series(path, series, frame)
         array, matrix, notes = read
-        return array, LPS_TO_RAS @ matrix, [f"{path}: {note}" for note in notes]
+        return array, LPS_TO_RAS @ matrix, notes
     if kind == "NiftiImageIO" or path.name.lower().endswith(nifti.ENDINGS):
         return nifti.read_nifti(path, frame)
     return _read_by_itk(path, kind, frame)
@@ -161,12 +157,29 @@ def write_image(image: Image, path) -> None:
             raise OSError(one_line(error)) from None
 
 
+def _about_shear(image: Image) -> list[str]:
+    """Sentence about axes that are not perpendicular."""
+    directions = image.ijk_to_ras[:3, :3] / image.spacing
+    cosine = np.abs((directions.T @ directions)[np.triu_indices(3, 1)]).max()
+    away = np.degrees(np.arcsin(min(1.0, cosine)))
+    if away < _TOLD_DEGREES:
+        return []
+    return [f"its axes are {away:.1f} degrees from perpendicular (a tilted gantry?); it is placed as it says"]
+
+
 def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Read a file of one of ITK's other formats."""
-    if kind and kind not in _VOLUMES:
+    if kind in _PICTURES:
         msg = (
             f"{path} is of a format ({kind.replace('ImageIO', '')}) that does not tell the distance of its slices in "
             "mm; give the DICOM series it was made of, or a NIfTI, NRRD or MetaImage file."
+        )
+        raise ValueError(msg)
+    if kind and kind not in _VOLUMES:
+        # Of MINC files, for one, ITK turns left and right, and front and back over.
+        msg = (
+            f"{path} is of a format ({kind.replace('ImageIO', '')}) of which ITK does not know the place in the "
+            "patient for certain; convert it to NIfTI or NRRD with a program of that format."
         )
         raise ValueError(msg)
     reader = sitk.ImageFileReader()

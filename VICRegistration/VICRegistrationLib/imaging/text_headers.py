@@ -47,7 +47,7 @@ def notes_about(path: Path, kind: str) -> list[str]:
         return _about_meta(path, head)
     if kind == "VTKImageIO" and not re.search(r"^(SPACING|ASPECT_RATIO)\s", head.split("POINT_DATA")[0], re.M | re.I):
         raise ValueError(_no_distances(path, "SPACING"))
-    return _left_open(path, kind not in ("VTKImageIO", "GiplImageIO"), True)
+    return _left_open(kind not in ("VTKImageIO", "GiplImageIO"), True)
 
 
 def _about_nrrd(path: Path, head: str) -> list[str]:
@@ -64,7 +64,7 @@ def _about_nrrd(path: Path, head: str) -> list[str]:
         msg = f"{path} is in the space {space}, which is not understood; save one volume of it as a file of its own."
         raise ValueError(msg)
     has_axes = bool(vectors) and (space in _SHORT_SPACES or len(_SIDES & set(space.split("-"))) == 3)
-    return _left_open(path, has_axes, bool({"space origin", "axis mins"} & set(fields)))
+    return _left_open(has_axes, bool({"space origin", "axis mins"} & set(fields)))
 
 
 def _about_meta(path: Path, head: str) -> list[str]:
@@ -74,13 +74,13 @@ def _about_meta(path: Path, head: str) -> list[str]:
     unit = fields.get("distanceunits", "")
     _check_unit(path, "" if unit.lower() in {*_MILLIMETRES, "?"} else unit)
     placed = [bool(names & set(fields)) for names in (_META_DIRECTIONS, _META_ORIGINS)]
-    return _left_open(path, *placed)
+    return _left_open(*placed)
 
 
-def _left_open(path: Path, has_axes: bool, has_origin: bool) -> list[str]:
+def _left_open(has_axes: bool, has_origin: bool) -> list[str]:
     """Sentence about what places an image and is not told."""
     missing = [text for text, told in ((_NO_AXES, has_axes), (_NO_ORIGIN, has_origin)) if not told]
-    return [f"{path}: it does not tell {text}" for text in missing]
+    return [f"it does not tell {text}" for text in missing]
 
 
 def _fields(pattern: str, head: str) -> dict[str, str]:
