@@ -13,14 +13,15 @@ from ..messages import Diagnostic
 from .checks import check_leak, check_pieces, check_scale, fills_volume
 from .edge_support import agreement, edge_support
 from .growing import grown_region
+from .lobes import without_lobes
 from .ray_origins import CLICK_MM
 from .seeds import checked_seeds
 from .star_region import star_region
 from .star_surface import find_star
 
-# Dice coefficients from which two regions are the same, and the same organ. Seen: 0.98 to 1 where both are right, 0.85
-# to 0.97 with a lobe or a dark part, below 0.8 where one has leaked, is a fragment, or the organ is bent.
-_SAME_SHAPE, _SAME_ORGAN = 0.975, 0.85
+# Dice coefficients from which two regions are the same organ, and have the same shape. Seen where both are right: 0.98 to
+# 1. With a lobe, or a dark part left out: up to 0.97. Below 0.8 one has leaked, is a fragment, or the organ is bent.
+_SAME_ORGAN, _SAME_SHAPE = 0.85, 0.975
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
 
@@ -31,8 +32,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
-    Where both find the same, the first is taken, where they find the same organ but not the same shape, the second,
-    and where they differ, that with more of an edge along its boundary.
+    Where both find the same organ, the first is taken without its lobes, or the second if the first leaves a part out;
+    where they differ, that with more of an edge along its boundary.
 
     Parameters
     ----------
@@ -105,10 +106,11 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
             raise refused
         return shaped
     alike = agreement(grown, shaped)
-    if alike >= _SAME_SHAPE:
-        return grown
+    if _SAME_ORGAN <= alike < _SAME_SHAPE:
+        grown = without_lobes(image, grown, shaped)
+        alike = agreement(grown, shaped)
     if alike >= _SAME_ORGAN:
-        return shaped
+        return grown if alike >= _SAME_SHAPE else shaped
     better = max((grown, shaped), key=lambda region: edge_support(image, region, star))
     values = {"grown_ml": float(grown.volume_ml), "shaped_ml": float(shaped.volume_ml)}
     return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
