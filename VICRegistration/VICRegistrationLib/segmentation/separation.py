@@ -19,8 +19,8 @@ from .seeds import checked_seeds
 from .star_region import star_region
 from .star_surface import find_star
 
-# Dice coefficients from which two regions are the same organ, and have the same shape. Seen where both are right: 0.98 to
-# 1. With a lobe, or a dark part left out: up to 0.97. Below 0.8 one has leaked, is a fragment, or the organ is bent.
+# Dice coefficients from which two regions are the same organ, and have the same shape. Seen where both are right: 0.98
+# and more. With a lobe, or a dark part left out: up to 0.97. Below 0.8 one has leaked, is a fragment, or is bent.
 _SAME_ORGAN, _SAME_SHAPE = 0.85, 0.975
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
