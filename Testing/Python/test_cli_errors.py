@@ -220,9 +220,9 @@ def test_options_that_cannot_be_met(refused_fit, image_path, options, words):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["fit", "mri.nrrd", "--sead", "1,2,3"], "fit has no flag --sead; did you mean --seed?; see"),
-        (["compare", "a.json", "b.nrrd", "--lable=3"], "compare has no flag --lable; did you mean --label?; see"),
-        (["gaps", "a.json", "b.json", "--quickly"], "gaps has no flag --quickly; see"),
+        (["fit", "mri.nrrd", "--sead", "1,2,3"], "error: fit has no flag --sead (similar: --seed); see"),
+        (["compare", "a.json", "b.nrrd", "--lable=3"], "error: compare has no flag --lable (similar: --label); see"),
+        (["gaps", "a.json", "b.json", "--quickly"], "error: gaps has no flag --quickly; see"),
         (["phantom", "out", "more"], "more is one argument too many; see"),
     ],
 )

@@ -254,3 +254,13 @@ def test_a_folder_made_for_nothing_goes_again(tmp_path):
     with one_at_a_time(tmp_path / "new" / "folder"):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lock_of_a_dead_process_goes_and_that_of_a_living_one_stays(tmp_path):
+    (tmp_path / ".vic-lock").write_text("")
+    recover(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    with one_at_a_time(tmp_path):
+        recover(tmp_path)
+        assert [path.name for path in tmp_path.iterdir()] == [".vic-lock"]
+    assert list(tmp_path.iterdir()) == []

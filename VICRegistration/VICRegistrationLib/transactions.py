@@ -162,9 +162,12 @@ def recover(folder: str | os.PathLike) -> None:
     if not os.path.isdir(folder):
         return
     with os.scandir(folder) as entries:
-        works = [Path(entry.path) for entry in entries if entry.name.startswith(_PREFIX) and entry.is_dir()]
-    for work in works:
-        _recover_one(work)
+        found = [Path(entry.path) for entry in entries if entry.name.startswith(_PREFIX)]
+    for path in found:
+        if path.is_dir():
+            _recover_one(path)
+        elif path.name == _LOCK:
+            _remove_lock(path)
 
 
 @contextlib.contextmanager
@@ -195,6 +198,8 @@ def one_at_a_time(folder: Path, *, on_wait: Callable[[], None] = lambda: None) -
                 with contextlib.suppress(OSError):
                     path.unlink()
     finally:
+        # Windows removes no file that is open.
+        recover(folder)
         for new in made:
             with contextlib.suppress(OSError):
                 new.rmdir()
@@ -211,6 +216,14 @@ def _own_lock(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
             if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
                 yield
                 return
+
+
+def _remove_lock(path: Path) -> None:
+    """Remove the file of a lock that nobody has any more."""
+    with contextlib.suppress(OSError), path.open("ab") as file:
+        if _locked(file, wait=False):
+            # Who waits for it sees that it is gone, and makes a new one.
+            path.unlink()
 
 
 def _locked(file, *, wait: bool) -> bool:

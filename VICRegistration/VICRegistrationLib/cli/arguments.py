@@ -112,7 +112,7 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"{word} is one argument too many")
         flag = word.partition("=")[0]
         close = difflib.get_close_matches(flag, self._option_string_actions, n=1)
-        self.error(f"{self.prog} has no flag {flag}" + (f"; did you mean {close[0]}?" if close else ""))
+        self.error(f"{self.prog.split()[-1]} has no flag {flag}" + (f" (similar: {close[0]})" if close else ""))
 
 
 class _Once(argparse.Action):

@@ -215,7 +215,7 @@ def image_record(
     digest = hashlib.sha256()
     for part in image.array:
         # Readers may give whole numbers as floating ones.
-        digest.update(np.ascontiguousarray(part, dtype="<f4").tobytes())
+        digest.update(np.ascontiguousarray(part, dtype="<f4"))
     return {
         "image": path,
         "image_series": series,
