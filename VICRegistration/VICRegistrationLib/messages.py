@@ -115,7 +115,12 @@ SENTENCES = {
 WORDS = (
     *(_("left"), _("right"), _("posterior"), _("anterior"), _("inferior"), _("superior")),
     *(_("open"), _("folded pole"), _("flipped normal"), _("self-intersection")),
-    *(_("surface of the region"), _("surface of the coarser net"), _("scaled model")),
+    *(
+        _("surface of the region"),
+        _("surface of the coarser net"),
+        _("scaled model"),
+        _("closed surface of the region"),
+    ),
 )
 
 

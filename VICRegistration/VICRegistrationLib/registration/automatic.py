@@ -13,15 +13,17 @@ import numpy as np
 
 from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
+from ..geometry.validity import check_surface
 from ..messages import Diagnostic
 from .choosing import Choice, anchor_for, chosen_by, to_start_with
 from .finer_nets import fit_finer
 from .nets import net_of, net_text, sampled_net
 from .options import FitOptions
 from .plan import Plan
+from .region_surface import closed_surface
 from .sample_grid import SampledSurface
-from .stages import Step, last_step
-from .tighter_hold import hold
+from .stages import Stage, Step, last_step
+from .tighter_hold import Held, hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,10 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
         found, how = yield from hold(plan, near, spare, space, chosen, anchor, lost)
         held.append(how)
     found, why, later = yield from fit_finer(plan, found, chosen, anchor, options.net)
+    if check_surface(found.surface):
+        found, how = _last_resort(plan, found, fine, space, chosen)
+        later.append(how)
+        yield found
     net = net_of(found.surface, options.closure)
     choices = (
         Choice("net", net_text(net), why or (Diagnostic("option_given"),)),
@@ -93,6 +99,16 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     space = sampled_net(first, options.closure, halvings)
     cost = fine.correlation(space.at(found.surface)).cost_of(model)
     return Outcome(replace(chosen, net=net), choices, cost)
+
+
+def _last_resort(plan: Plan, found: Step, fine: Stage, space: SampledSurface, options: FitOptions) -> tuple[Step, Held]:
+    """Take the region's own surface in place of one that is no valid solid."""
+    problem = Diagnostic("no_valid_solid", {"kind": check_surface(found.surface)[0].kind})
+    surface = closed_surface(plan.target.distance, options.net, options.closure)
+    cost = fine.correlation(space.at(surface)).cost_of(surface)
+    step = Step("closed surface of the region kept", 1, cost, 0.0, surface, "displacement")
+    kept = Diagnostic("surface_kept", {"net": net_text(options.net), "kept": "closed surface of the region"})
+    return step, Held("closed surface of the region kept", (problem, kept))
 
 
 def placed(
