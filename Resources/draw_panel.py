@@ -31,6 +31,8 @@ from PySide6.QtWidgets import (
 )
 
 from VICRegistrationLib.gui.form import tableHeight
+from VICRegistrationLib.gui.option_texts import WIDGETS, optionTexts
+from VICRegistrationLib.registration.options import OPTIONS, FitOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 PANEL = ROOT / "VICRegistration" / "Resources" / "UI" / "VICRegistration.ui"
@@ -47,11 +49,11 @@ BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
 CHOICES = {
     "presetCombo": ["uterus"],
     "sourceCombo": ["Seeds and grey levels"],
-    "closureCombo": ["Smooth (tangent plane at the poles)"],
-    "profileCombo": ["Half-way up the edge"],
-    "levelsCombo": ["Automatic, along the surface"],
-    "solverCombo": ["Gauss-Newton"],
-    "stoppingCombo": ["At the tolerance, or when settled"],
+    **{
+        widget: [OPTIONS[option].choices[getattr(FitOptions, option)]]
+        for option, _, widget in WIDGETS
+        if OPTIONS[option].choices
+    },
     "referenceKindCombo": ["Segment of a segmentation"],
     "colorByCombo": ["Deviation from the reference"],
 }
@@ -308,7 +310,7 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
     fill_table(panel.findChild(QWidget, "boundaryTable"), BOUNDARY_HEADINGS, points, wide=0)
     for name, choices in CHOICES.items():
         panel.findChild(QWidget, name).addItems(choices)
-    for name, text in {**TEXTS, **texts}.items():
+    for name, text in {**optionTexts()[0], **TEXTS, **texts}.items():
         panel.findChild(QWidget, name).setText(text)
     panel.findChild(QWidget, "progressBar").setValue(100)
     # Nothing to cancel, and the organ comes from seeds, with everything automatic.

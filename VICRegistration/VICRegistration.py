@@ -319,8 +319,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         with Organs(parameters).adding(name) as organ:
             parameters.volume = volumeNode
             addPoints(seedsOf(organ, volumeNode), seeds)
-            fitting.setThresholds(organ, thresholds)
-            organ.setRadii(erosion, dilation)
+            organ.setSeparation(threshold=thresholds, erosion=erosion, dilation=dilation)
             if segment is not None:
                 organ.source = RegionSource.SEGMENT
                 organ.inputSegmentation, organ.inputSegmentId = segment

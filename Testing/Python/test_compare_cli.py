@@ -219,8 +219,8 @@ def test_what_is_wrong_is_said_in_one_line(fitted, truth, label, tmp_path, capsy
     ("words", "sentence"),
     [
         (["--points", "-5"], "'-5' was given; distances are taken at 1 to 10000000 points"),
-        (["--tolerance", "-1"], "'-1' was given; a tolerance is a positive length in mm"),
-        (["--tolerance", "nan"], "'nan' was given; a tolerance is a positive length in mm"),
+        (["--tolerance", "-1"], "'-1' was given; a positive length in mm is needed"),
+        (["--tolerance", "nan"], "'nan' was given; a positive length in mm is needed"),
     ],
 )
 def test_numbers_out_of_range_are_refused(fitted, truth, capsys, words, sentence):

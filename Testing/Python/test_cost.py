@@ -350,8 +350,3 @@ def test_small_clots_at_the_wall_dent_the_surface_less():
         means[loss] = np.abs(np.linalg.norm(fit.confidence.points, axis=2) - RADIUS).mean()
     # Measured: 0.12 and 0.08 mm.
     assert means["huber"] < 0.85 * means["squares"]
-
-
-def test_other_losses_are_refused():
-    with pytest.raises(ValueError, match="The option loss is 'cauchy'; choose one of squares, huber"):
-        FitOptions(loss="cauchy")

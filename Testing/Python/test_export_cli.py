@@ -143,8 +143,8 @@ def test_what_cannot_be_written_is_refused(bladder, rectum, out, capsys, words, 
     [
         (["--split", "0"], "'0' was given; a solid is split into 1 to 1000 faces"),
         (["--split", "2.5"], "'2.5' was given; a solid is split"),
-        (["--chord-error", "0"], "'0' was given; a chord error is a positive length in mm"),
-        (["--chord-error", "fine"], "'fine' was given; a chord error is a positive length in mm"),
+        (["--chord-error", "0"], "'0' was given; a positive length in mm is needed"),
+        (["--chord-error", "fine"], "'fine' was given; a positive length in mm is needed"),
     ],
 )
 def test_a_number_out_of_range_is_refused(bladder, out, capsys, words, complaint):

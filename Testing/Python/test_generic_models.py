@@ -76,7 +76,7 @@ def test_the_model_that_is_named_is_the_one_that_is_scaled():
 
 
 def test_an_unknown_model_is_refused():
-    with pytest.raises(ValueError, match="The option model is 'cube'; choose one of automatic, ellipsoid, tube"):
+    with pytest.raises(ValueError, match="The generic model is 'cube'; it must be one of automatic, ellipsoid, tube"):
         FitOptions(model="cube")
     with pytest.raises(ValueError, match="The generic model 'cube' was asked for; choose one of automatic"):
         models.generic_model("cube", tube_shape(90)[1], NET, "smooth")

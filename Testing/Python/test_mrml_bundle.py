@@ -36,6 +36,8 @@ OTHER_SETTINGS = {
     "outside": 1.0 / 3.0,
     "smoothnessLog10": -4.2,
     "smoothnessAutomatic": False,
+    "loss": "HUBER",
+    "genericModel": "TUBE",
     "solver": "GRADIENT_DESCENT",
     "stopping": "PUBLISHED",
     "toleranceMm": 0.07,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import mrml_scenes
+import numpy as np
 import pytest
 from mrml_scenes import slicer
 from small_phantom import CENTER
 
-from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.gui.option_texts import ELSEWHERE, WIDGETS
+from VICRegistrationLib.registration.options import OPTIONS, FitOptions
 
 pytestmark = pytest.mark.usefixtures("cached_fits")
 
@@ -279,7 +283,9 @@ def test_options_and_parameters_are_turned_into_each_other(organs):
         closure="paper",
         solver="gradient-descent",
         tau=2.25,
-        centered=False,
+        profile="paper",
+        loss="huber",
+        model="tube",
         levels="given",
         inside=812.5,
         outside=100.0,
@@ -293,7 +299,7 @@ def test_options_and_parameters_are_turned_into_each_other(organs):
     published = FitOptions.as_published()
     organ.setFitOptions(published)
     found = organ.options()
-    assert (found.closure, found.solver, found.centered, found.levels) == ("paper", "gradient-descent", False, "organ")
+    assert (found.closure, found.solver, found.profile, found.levels) == ("paper", "gradient-descent", "paper", "organ")
     assert (found.smoothness, found.net, found.tau) == (published.smoothness, published.net, None)
     organ.setFitOptions(FitOptions())
     assert organ.options() == FitOptions()
@@ -301,9 +307,42 @@ def test_options_and_parameters_are_turned_into_each_other(organs):
 
 def test_options_that_are_refused_change_nothing(organs):
     organ = organs.add("bladder")
-    with pytest.raises(ValueError, match=r"50.0 was given for the width of the edge \(tau\) in mm"):
-        organ.setFitOptions(FitOptions(closure="paper", net=(11, 9), tau=50.0))
+    # What a fit has found may lie beyond what may be given.
+    found = FitOptions(closure="paper", net=(11, 9)).filled_in(tau=50.0)
+    with pytest.raises(ValueError, match=r"^The edge width \(tau\) is 50.0; it must be a number from 0.01 to 20 mm.$"):
+        organ.setFitOptions(found)
     assert organ.options() == FitOptions()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "sentence"),
+    [
+        ("tauMm", 50.0, "The edge width (tau) is 50.0; it must be a number from 0.01 to 20 mm."),
+        ("netRows", 4, "The control net is 4; it must be two whole numbers ROWSxCOLUMNS from 5 to 65."),
+        ("smoothnessLog10", 0.5, "The smoothness is 10^0.5; it must be 0, or a number from 1e-08 to 1."),
+        ("maxIterations", 20000, "The iteration limit is 20000; it must be a whole number from 1 to 10000."),
+        ("erosionMm", -1.0, "The erosion is -1.0; it must be a number from 0 to 20 mm."),
+    ],
+)
+def test_a_parameter_outside_of_its_range_is_refused_by_the_sentence_of_its_option(organs, parameter, value, sentence):
+    organ = organs.add("bladder")
+    with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
+        setattr(organ, parameter, value)
+    assert organ.options() == FitOptions()
+
+
+@pytest.mark.parametrize("power", np.arange(-8.0, 0.1, 0.5))
+def test_smoothness_comes_back_as_it_was_stored(organs, power):
+    organ = organs.add("bladder")
+    for smoothness in (10.0**power, 0.0):
+        organ.setFitOptions(FitOptions(smoothness=min(smoothness, 1.0)))
+        assert organ.options().smoothness == pytest.approx(smoothness, rel=1e-12)
+
+
+def test_every_option_has_a_parameter(organs):
+    shown = (*WIDGETS, *ELSEWHERE)
+    assert {name for name, _, _ in shown} == set(OPTIONS)
+    assert {parameter for _, parameter, _ in shown} <= set(type(organs.add("bladder")).allParameters)
 
 
 def test_names_are_such_that_slicer_can_save_them(logic):

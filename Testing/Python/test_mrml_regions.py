@@ -69,10 +69,9 @@ def test_a_changed_threshold_changes_the_segment_in_place(logic, separated):
     volume = mrml_scenes.add_volume()
     organ = logic.addOrgan(volume, [CENTER])
     before, content = mrml_scenes.segment_voxels(organ, volume), mrml_scenes.content(slicer.mrmlScene)
-    from VICRegistrationLib.mrml.fitting import setThresholds
 
     for thresholds in ((300, 1000), (780, 1000), (300, 1000), (700, 900)):
-        setThresholds(organ, thresholds)
+        organ.setSeparation(threshold=thresholds)
         region, _warnings = separated(organ, volume)
         found = mrml_scenes.segment_voxels(organ, volume)
         np.testing.assert_array_equal(found, mrml_scenes.mask_in_place(region, found.shape))

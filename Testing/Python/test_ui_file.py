@@ -9,6 +9,9 @@ import pytest
 from recorded_widgets import record
 from recorded_widgets.ui_loader import problems, readUi
 
+from VICRegistrationLib.gui.option_texts import ELSEWHERE, WIDGETS, optionTexts
+from VICRegistrationLib.registration.options import OPTIONS
+
 MODULE = Path(__file__).resolve().parents[2] / "VICRegistration"
 UI = MODULE / "Resources" / "UI" / "VICRegistration.ui"
 
@@ -85,7 +88,20 @@ def test_names_do_not_hide_inner_parts_of_slicers_widgets(ui):
 
 def test_every_input_has_a_tooltip(ui):
     told = {name for name, _, member, element in ui.properties if member == "toolTip" and element.findtext("string")}
-    assert {name for name, cls in ui.widgets.items() if cls in INPUTS} - told == set()
+    labels, from_the_table = optionTexts()
+    assert {name for name, cls in ui.widgets.items() if cls in INPUTS} - told == set(from_the_table)
+    # Each text stands in one place.
+    written = {name for name, _, member, element in ui.properties if member == "text" and element.findtext("string")}
+    assert {name for name, cls in ui.widgets.items() if cls == "QLabel"} - written >= set(labels)
+
+
+def test_ranges_are_those_of_the_options(ui):
+    limits = {"minimum": 0, "maximum": 1}
+    for option, _, widget in (*WIDGETS, *ELSEWHERE):
+        for name, _, member, element in ui.properties:
+            if name == widget and member in limits and option != "smoothness":
+                number = float(element.findtext("double") or element.findtext("number"))
+                assert number == OPTIONS[option].limits[limits[member]], widget
 
 
 def test_widgets_that_need_the_scene_are_connected_to_it(ui):

@@ -21,8 +21,10 @@ from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.mrml import samples
+from VICRegistrationLib.mrml.parameters import Loss
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface, surfaceFromModel
 from VICRegistrationLib.mrml.volumes import showInSlices
+from VICRegistrationLib.registration.options import OPTIONS
 
 
 def waitFor(condition):
@@ -275,6 +277,24 @@ class FitTest(PanelTestCase):
         self.assertFalse(self.ui.netRowsSpin.enabled or self.ui.netColumnsSpin.enabled)
         self.assertFalse(self.ui.smoothnessSlider.enabled)
         self.assertEqual((self.organ.options().net, self.organ.options().smoothness), (None, None))
+
+    def test_optionsAreLabelledFromTheirTable(self):
+        for widget, name in (("tauSlider", "tau"), ("netColumnsSpin", "net"), ("erosionSlider", "erosion")):
+            self.assertIn(OPTIONS[name].help, getattr(self.ui, widget).toolTip)
+        self.assertIn(OPTIONS["tau"].automatic, self.ui.tauAutomaticCheck.toolTip)
+        labels = {name: getattr(self.ui, f"{name}Label").text for name in ("net", "maxIterations", "boundaryWeight")}
+        self.assertEqual(
+            labels,
+            {"net": "Control net:", "maxIterations": "Iteration limit:", "boundaryWeight": "Weight of points:"},
+        )
+
+    def test_theRangesAreThoseOfTheOptions(self):
+        self.add("bladder")
+        for widget, name in (("tauSlider", "tau"), ("netRowsSpin", "net"), ("boundaryWeightSlider", "boundary_weight")):
+            shown = getattr(self.ui, widget)
+            self.assertEqual((shown.minimum, shown.maximum), OPTIONS[name].limits)
+        self.organ.loss = Loss.HUBER
+        self.assertEqual(self.ui.lossCombo.currentText, OPTIONS["loss"].choices["huber"])
 
     def test_theFitShowsWhatItHasChosen(self):
         organ = self.fitted("bladder")

@@ -55,7 +55,7 @@ def preview_seconds(image: Image, repeats: int) -> dict[str, list[float]]:
     import slicer
 
     from VICRegistration import VICRegistrationLogic
-    from VICRegistrationLib.mrml.fitting import separateOrgan, setThresholds
+    from VICRegistrationLib.mrml.fitting import separateOrgan
 
     module = loadModule(_ROOT / "VICRegistration" / "VICRegistration.py")
     try:
@@ -66,7 +66,7 @@ def preview_seconds(image: Image, repeats: int) -> dict[str, list[float]]:
         lows = itertools.cycle((0.95 * low, low, 1.05 * low))
 
         def refresh():
-            setThresholds(organ, (next(lows), high))
+            organ.setSeparation(threshold=(next(lows), high))
             separateOrgan(organ, volume)
 
         return interleaved_seconds({"preview": refresh, "label": lambda: ndimage.label(image.array > low)}, repeats)

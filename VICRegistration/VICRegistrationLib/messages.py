@@ -10,10 +10,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 
-def _(text: str) -> str:
-    """Mark a text for Slicer's translators; it is translated where it is shown."""
+def marked(text: str) -> str:
+    """Mark a text for Slicer's translators, who look for `_("...")`; it is translated where it is shown."""
     return text
 
+
+_ = marked
 
 # A new diagnostic is a new line here. Its values stand in braces, as str.format takes them.
 SENTENCES = {

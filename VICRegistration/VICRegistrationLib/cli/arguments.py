@@ -10,9 +10,7 @@ from collections.abc import Callable, Sequence
 
 from .. import __version__
 from ..file_names import folder_name, organ_name
-from ..geometry.parametrization import CLOSURES
-from ..registration.cost import LOSSES
-from ..registration.solvers import SOLVERS
+from ..registration.options import OPTIONS, FitOptions, Option
 from . import (
     PROGRAM,
     commands,
@@ -25,25 +23,13 @@ from . import (
 )
 from .console import argument
 
+# Flags of the options of a fit.
+_FLAGS = {name: "--" + name.replace("_", "-") for name in OPTIONS}
 # Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
 # that must not are to be refused with their own sentence.
 _NUMERIC = (
-    "--seed",
-    "--boundary",
-    "--threshold",
-    "--erosion",
-    "--dilation",
-    "--net",
-    "--tau",
-    "--smoothness",
-    "--size",
-    "--wall",
-    "--time-limit",
-    "--volume-error",
-    "--label",
-    "--frame",
-    "--points",
-    "--tolerance",
+    *("--seed", "--boundary", "--size", "--wall", "--time-limit", "--volume-error", "--label", "--frame", "--points"),
+    *_FLAGS.values(),
 )
 
 _EPILOG = """\
@@ -86,8 +72,7 @@ Several organs are described in a JSON file. Its keys are the words of the flags
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
       "solver": "gauss-newton", "tau": 1.5, "smoothness": 2e-4, "boundary": [[12.5, -30, 4]]}]}
-organ and seed are needed; net, tau and smoothness that are not given are chosen by what the image shows. Flags beside
---config hold for the organs that do not say otherwise.
+organ and seed are needed. Flags beside --config hold for the organs that do not say otherwise.
 
 examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
@@ -214,63 +199,22 @@ def _add_fit(subparsers) -> None:
     which.add_argument(
         "--seed",
         metavar="R,A,S",
-        type=argument(validators.seed),
+        type=argument(validators.point),
         action="append",
         help="point in the organ, mm; may be repeated",
     )
     which.add_argument(
         "--boundary",
         metavar="R,A,S",
-        type=argument(validators.boundary),
+        type=argument(validators.point),
         action="append",
         help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
     )
     which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
     how = fit.add_argument_group("how (the defaults need no tuning)")
-    how.add_argument(
-        "--threshold",
-        metavar="LOW,HIGH",
-        type=argument(validators.threshold),
-        help="grey levels of the organ (default: suggested from the seeds)",
-    )
-    how.add_argument(
-        "--erosion",
-        metavar="MM",
-        type=argument(validators.erosion),
-        help="cuts bridges to other tissue, 0 for none (default: chosen for the organ)",
-    )
-    how.add_argument(
-        "--dilation",
-        metavar="MM",
-        type=argument(validators.dilation),
-        help="grows the organ back to its edge after the erosion (default: as far as the erosion)",
-    )
-    how.add_argument(
-        "--net",
-        metavar="9x7",
-        type=argument(validators.net),
-        help="size of the control net (default: chosen, 9x7, 17x11 or 33x19, by how much shape the image shows)",
-    )
-    how.add_argument("--closure", choices=CLOSURES, help="how seam and poles are closed (default: smooth)")
-    how.add_argument("--solver", choices=tuple(SOLVERS), help="default: gauss-newton; the paper's: gradient-descent")
-    how.add_argument(
-        "--tau",
-        metavar="MM",
-        type=argument(validators.tau),
-        help="width of the edge in the image (default: measured there, within 2 to 3 pixels)",
-    )
-    how.add_argument(
-        "--loss",
-        choices=LOSSES,
-        help="huber: places at the wall that look like something else count less (default: squares)",
-    )
-    how.add_argument(
-        "--smoothness",
-        metavar="VALUE",
-        type=argument(validators.smoothness),
-        help="stiffness of the surface, 0 for none; ten times as much is ten times as stiff (default: by the noise, "
-        "about 2e-4)",
-    )
+    for name, option in OPTIONS.items():
+        told = f"{option.help[0].lower()}{option.help[1:]} (default: {_default(name, option)})"
+        how.add_argument(_FLAGS[name], metavar=option.metavar, type=argument(option.read), help=told.replace("%", "%%"))
     how.add_argument(
         "--series", metavar="UID", help="which DICOM series of the folder: its UID, its description or its number"
     )
@@ -305,6 +249,28 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")
+
+
+def option_table() -> str:
+    """Make the table of options in docs/command-line.md.
+
+    Returns
+    -------
+    str
+        Markdown, a row for each option of a fit.
+    """
+    rows = ["| flag | meaning | values | default |", "|---|---|---|---|"]
+    for name, option in OPTIONS.items():
+        values = "; ".join(f"`{word}`: {text}" for word, text in option.choices.items()) or option.needed
+        flag = f"{_FLAGS[name]} {option.metavar}".replace("|", "\\|")
+        rows.append(f"| `{flag}` | {option.help} | {values} | {_default(name, option)} |")
+    return "\n".join(rows)
+
+
+def _default(name: str, option: Option) -> str:
+    """Tell what is taken where an option is not given."""
+    default = getattr(FitOptions, name)
+    return option.automatic if default is None else f"{default} {option.unit}".rstrip()
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Sequence
 
 from ..files import replacing_folder
+from ..registration.options import OPTIONS
 from . import SOME_FAILED
-from .configuration import OPTIONS, OrganRequest, organ_request, read_requests
+from .configuration import OrganRequest, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
 from .references import OrganReference, read_references, reference_paths

@@ -72,7 +72,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     how.add_argument(
         "--tolerance",
         metavar="MM",
-        type=argument(_tolerance),
+        type=argument(validators.length),
         action="append",
         help="of the surface Dice; may be repeated (default: 0.5, 1 and 2)",
     )
@@ -140,12 +140,3 @@ def _points(text: str) -> int:
         msg = f"{text!r} was given; distances are taken at 1 to {_MOST_POINTS} points"
         raise ValueError(msg)
     return int(text)
-
-
-def _tolerance(text: str) -> float:
-    """Check a tolerance, mm."""
-    try:
-        return validators.tau(text)
-    except ValueError as error:
-        msg = f"{text!r} was given; a tolerance is a positive length in mm"
-        raise ValueError(msg) from error

@@ -14,9 +14,8 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
       ]
     }
 
-Keys are the words of the flags: ``organ`` and ``seed`` are needed; ``threshold``, ``erosion``, ``dilation``, ``net``,
-``closure``, ``solver``, ``tau``, ``smoothness``, ``loss`` and ``boundary`` are optional. A net, tau and smoothness that
-are not given are chosen by the fit.
+Keys are the words of the flags: ``organ`` and ``seed`` are needed, ``boundary`` and the options of a fit are not, see
+:mod:`..registration.options`.
 """
 
 from __future__ import annotations
@@ -30,23 +29,18 @@ from pathlib import Path
 from ..file_names import file_key, organ_name
 from ..files import reason
 from ..geometry.models import DEFAULT_NET, closed_organ
-from ..registration.organ import FitOptions
+from ..registration.options import OPTIONS, FitOptions
 from . import validators
 
 SCHEMA, VERSION = "vic-registration/organs", 1
 
-OPTIONS = {
-    "threshold": validators.threshold,
-    "erosion": validators.erosion,
-    "dilation": validators.dilation,
-    "net": validators.net,
-    "closure": validators.closure,
-    "solver": validators.solver,
-    "tau": validators.tau,
-    "smoothness": validators.smoothness,
-    "loss": validators.loss,
+# By the words of the flags.
+_CHECKS = {
+    "organ": organ_name,
+    "seed": validators.points,
+    "boundary": validators.points,
+    **{name.replace("_", "-"): option.read for name, option in OPTIONS.items()},
 }
-_CHECKS = {"organ": organ_name, "seed": validators.seeds, **OPTIONS, "boundary": validators.boundaries}
 
 
 @dataclass(frozen=True)
@@ -192,9 +186,9 @@ def _request(entry: object, where: str, defaults: Mapping[str, object]) -> Organ
             msg = f"{where}: the key {word!r} is unknown; use {', '.join(_CHECKS)}."
             raise ValueError(msg)
         try:
-            named[word] = _CHECKS[word](value)
+            named[word.replace("-", "_")] = _CHECKS[word](value)
         except ValueError as error:
-            msg = f"{where}, key {word!r}: {error}."
+            msg = f"{where}, key {word!r}: {str(error).rstrip('.')}."
             raise ValueError(msg) from error
     missing = [word for word in ("organ", "seed") if word not in named]
     if missing:

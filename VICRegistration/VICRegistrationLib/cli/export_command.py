@@ -61,7 +61,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     parser.add_argument(
         "--chord-error",
         metavar="MM",
-        type=argument(_chord_error),
+        type=argument(validators.length),
         default=DEFAULT_CHORD_ERROR,
         help=f"largest distance between triangles and surface (default: {DEFAULT_CHORD_ERROR})",
     )
@@ -142,12 +142,3 @@ def _faces(text: str) -> int:
         msg = f"{text!r} was given; a solid is split into 1 to {_MOST_FACES} faces"
         raise ValueError(msg)
     return int(text)
-
-
-def _chord_error(text: str) -> float:
-    """Check the distance between triangles and surface, mm."""
-    try:
-        return validators.tau(text)
-    except ValueError as error:
-        msg = f"{text!r} was given; a chord error is a positive length in mm"
-        raise ValueError(msg) from error

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from ..mrml.parameters import Levels
+from ..mrml.sentences import translated
+from ..registration import options as table
+from ..registration.options import FitOptions
 from .binding import Binding
 from .form import showRow
+from .option_texts import WIDGETS, optionTexts
 
 
 class AdvancedSection:
@@ -18,6 +22,11 @@ class AdvancedSection:
     def __init__(self, ui):
         self._ui = ui
         self._organ = self._binding = None
+        labels, toolTips = optionTexts(lambda text: translated(text, table))
+        for name, text in labels.items():
+            getattr(ui, name).text = text
+        for name, text in toolTips.items():
+            getattr(ui, name).toolTip = text
         ui.asPublishedButton.connect("clicked()", self._setAsPublished)
         ui.defaultsButton.connect("clicked()", self._setDefaults)
 
@@ -33,7 +42,9 @@ class AdvancedSection:
             self._binding = None
         self._organ = organ
         if organ is not None:
-            self._binding = Binding(organ, self._mapping())
+            self._binding = Binding(
+                organ, {parameter: getattr(self._ui, widget) for _name, parameter, widget in WIDGETS}
+            )
         self.refresh()
 
     def refresh(self):
@@ -48,35 +59,10 @@ class AdvancedSection:
         ui.smoothnessSlider.enabled = not organ.smoothnessAutomatic
         showRow(organ.levels is Levels.GIVEN, ui.givenLevelsLabel, ui.insideSpin, ui.outsideSpin)
 
-    def _mapping(self):
-        ui = self._ui
-        return {
-            "netRows": ui.netRowsSpin,
-            "netColumns": ui.netColumnsSpin,
-            "netAutomatic": ui.netAutomaticCheck,
-            "closure": ui.closureCombo,
-            "tauMm": ui.tauSlider,
-            "tauAutomatic": ui.tauAutomaticCheck,
-            "profile": ui.profileCombo,
-            "levels": ui.levelsCombo,
-            "inside": ui.insideSpin,
-            "outside": ui.outsideSpin,
-            "smoothnessLog10": ui.smoothnessSlider,
-            "smoothnessAutomatic": ui.smoothnessAutomaticCheck,
-            "solver": ui.solverCombo,
-            "stopping": ui.stoppingCombo,
-            "toleranceMm": ui.toleranceSpin,
-            "maxIterations": ui.maxIterationsSpin,
-        }
-
     def _setAsPublished(self):
-        from ..registration.options import FitOptions
-
         if self._organ is not None:
             self._organ.setFitOptions(FitOptions.as_published())
 
     def _setDefaults(self):
-        from ..registration.options import FitOptions
-
         if self._organ is not None:
             self._organ.setFitOptions(FitOptions())

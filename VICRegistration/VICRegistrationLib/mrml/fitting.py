@@ -174,35 +174,6 @@ def canBeSeparated(organ):
     return organ.seeds is not None and organ.seeds.GetNumberOfDefinedControlPoints() > 0
 
 
-def setThresholds(organ, thresholds):
-    """Give an organ its threshold, or leave it to the suggestion.
-
-    Parameters
-    ----------
-    organ : OrganParameters
-    thresholds : (low, high) or None
-
-    Raises
-    ------
-    ValueError
-        If it is no range.
-    """
-    organ.thresholdAutomatic = thresholds is None
-    if thresholds is None:
-        return
-    try:
-        low, high = (float(level) for level in thresholds)
-    except (TypeError, ValueError):
-        low, high = 1.0, 0.0
-    if not low <= high:
-        raise ValueError(
-            _("The thresholds {found} were given; the lowest and the highest grey level are needed.").format(
-                found=thresholds
-            )
-        )
-    _setThreshold(organ, (low, high))
-
-
 class _Bookkeeping:
     """Keeps an organ's nodes in step with a fit: what was there comes back when the fit does not come to its end."""
 

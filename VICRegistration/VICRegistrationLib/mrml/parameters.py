@@ -2,6 +2,7 @@
 
 # Without postponed annotations: Slicer reads these, and does not know `X | None`.
 import enum
+import math
 from typing import Annotated, Optional
 
 from slicer import (
@@ -16,22 +17,45 @@ from slicer import (
 from slicer.i18n import tr as _
 from slicer.parameterNodeWrapper import Default, FloatRange, RangeBounds, WithinRange, parameterNodeWrapper
 
-# Grey levels that a threshold may take; the panel narrows its slider to the volume's.
-LEVELS = 1e6
-# The lower end of the slider stands for none.
-NO_SMOOTHNESS = -9.0
-# What the other numbers may be; the least smoothness stands for none.
-RANGES = {
-    "erosionMm": (0.0, 20.0),
-    "dilationMm": (0.0, 20.0),
-    "netRows": (5, 65),
-    "netColumns": (5, 65),
-    "tauMm": (0.1, 20.0),
-    "smoothnessLog10": (NO_SMOOTHNESS, 0.0),
-    "toleranceMm": (0.001, 5.0),
-    "maxIterations": (0, 10000),
-    "boundaryWeight": (0.0, 10.0),
+from ..registration import options as table
+from ..registration.options import OPTIONS, FitOptions
+from .sentences import translated
+
+# A weight of the bending energy is stored as its power of ten; from this one down it is none.
+_NO_SMOOTHNESS = math.log10(OPTIONS["smoothness"].limits[0]) - 1.0
+# Names of parameters that are not those of their options. Scenes hold them, so they stay.
+_STORED = {
+    "model": "genericModel",
+    "erosion": "erosionMm",
+    "dilation": "dilationMm",
+    "tau": "tauMm",
+    "smoothness": "smoothnessLog10",
+    "tolerance": "toleranceMm",
+    "max_iterations": "maxIterations",
+    "boundary_weight": "boundaryWeight",
 }
+# What the separation and the fit choose where `...Automatic` says so.
+_SEPARATION, _CHOSEN = ("threshold", "erosion", "dilation"), ("net", "tau", "smoothness")
+_AUTOMATIC = (*_SEPARATION, *_CHOSEN)
+
+
+class _Within(WithinRange):
+    """Range of an option's parameter; what is outside is refused by the option's sentence."""
+
+    def __init__(self, option, low, high, told="{}"):
+        super().__init__(low, high)
+        self._option, self._told = option, told
+
+    def validate(self, value):
+        """Refuse a value outside of the range."""
+        if not self.minimum <= value <= self.maximum:
+            raise ValueError(self._option.refusal(self._told.format(value)))
+
+
+def _ranged(name):
+    """Type of the parameter that stores a number of an option."""
+    option = OPTIONS[name]
+    return Annotated[int if option.whole else float, _Within(option, *option.limits)]
 
 
 class _Choice(enum.Enum):
@@ -40,6 +64,25 @@ class _Choice(enum.Enum):
     def label(self):
         """Text in the panel's combo box."""
         return _LABELS[self]()
+
+
+class _OptionChoice(enum.Enum):
+    """One of the words of the option that is named like the class; scenes hold the name in capital letters."""
+
+    def label(self):
+        """Text in the panel's combo box."""
+        return translated(OPTIONS[type(self).__name__.lower()].choices[self.value], table)
+
+
+def _choice(name):
+    words = OPTIONS[name.lower()].choices
+    return _OptionChoice(name, {word.upper().replace("-", "_"): word for word in words}, module=__name__)
+
+
+_CHOICES = {name: _choice(name.capitalize()) for name, option in OPTIONS.items() if option.choices}
+Model, Closure, Solver, Profile, Levels, Loss, Stopping = (
+    _CHOICES[name] for name in ("model", "closure", "solver", "profile", "levels", "loss", "stopping")
+)
 
 
 class RegionSource(_Choice):
@@ -54,42 +97,6 @@ class ReferenceKind(_Choice):
 
     SEGMENT = "segment"
     MODEL = "model"
-
-
-class Closure(_Choice):
-    """How the surface is kept closed."""
-
-    SMOOTH = "smooth"
-    PAPER = "paper"
-
-
-class Solver(_Choice):
-    """How the cost is minimised."""
-
-    GAUSS_NEWTON = "gauss-newton"
-    GRADIENT_DESCENT = "gradient-descent"
-
-
-class Stopping(_Choice):
-    """When a stage of the fit ends."""
-
-    SETTLED = "settled"
-    PUBLISHED = "published"
-
-
-class Profile(_Choice):
-    """Where on the ramp of the intensity profile the surface lies."""
-
-    CENTERED = "centered"
-    PAPER = "paper"
-
-
-class Levels(_Choice):
-    """How the grey levels inside and outside are found."""
-
-    LOCAL = "local"
-    ORGAN = "organ"
-    GIVEN = "given"
 
 
 class OrganState(_Choice):
@@ -108,37 +115,11 @@ _LABELS = {
     RegionSource.SEGMENT: lambda: _("Segment of a segmentation"),
     ReferenceKind.SEGMENT: lambda: _("Segment of a segmentation"),
     ReferenceKind.MODEL: lambda: _("Model: another surface or mesh"),
-    Closure.SMOOTH: lambda: _("Smooth (tangent plane at the poles)"),
-    Closure.PAPER: lambda: _("As published (midpoints)"),
-    Solver.GAUSS_NEWTON: lambda: _("Gauss-Newton"),
-    Solver.GRADIENT_DESCENT: lambda: _("Gradient descent (as published)"),
-    Stopping.SETTLED: lambda: _("At the tolerance, or when settled"),
-    Stopping.PUBLISHED: lambda: _("At the tolerance (as published)"),
-    Profile.CENTERED: lambda: _("Half-way up the edge"),
-    Profile.PAPER: lambda: _("Inner foot of the edge (as published)"),
-    Levels.LOCAL: lambda: _("Automatic, along the surface"),
-    Levels.ORGAN: lambda: _("Automatic, one for the organ"),
-    Levels.GIVEN: lambda: _("Given"),
     OrganState.NEW: lambda: _("needs a seed"),
     OrganState.SEPARATED: lambda: _("separated"),
     OrganState.FITTED: lambda: _("fitted"),
     OrganState.UNSETTLED: lambda: _("not settled"),
     OrganState.FAILED: lambda: _("failed"),
-}
-
-
-# What a fit chooses where `...Automatic` says so, by the library's names.
-_CHOSEN = ("net", "tau", "smoothness")
-
-_WORDS = {
-    "erosionMm": lambda: _("the erosion in mm"),
-    "dilationMm": lambda: _("the dilation in mm"),
-    "netRows": lambda: _("the rows of the control net"),
-    "netColumns": lambda: _("the columns of the control net"),
-    "tauMm": lambda: _("the width of the edge (tau) in mm"),
-    "toleranceMm": lambda: _("the tolerance in mm"),
-    "maxIterations": lambda: _("the number of iterations"),
-    "boundaryWeight": lambda: _("the weight of the boundary points"),
 }
 
 
@@ -155,34 +136,36 @@ class OrganParameters:
 
     source: RegionSource = RegionSource.THRESHOLDS
     seeds: Optional[vtkMRMLMarkupsFiducialNode]
-    threshold: Annotated[FloatRange, RangeBounds(-LEVELS, LEVELS), Default(FloatRange(0.0, 0.0))]
+    threshold: Annotated[FloatRange, RangeBounds(*OPTIONS["threshold"].limits), Default(FloatRange(0.0, 0.0))]
     thresholdAutomatic: bool = True
-    erosionMm: Annotated[float, WithinRange(*RANGES["erosionMm"])] = 2.0
+    erosionMm: _ranged("erosion") = 2.0
     erosionAutomatic: bool = True
-    dilationMm: Annotated[float, WithinRange(*RANGES["dilationMm"])] = 2.0
+    dilationMm: _ranged("dilation") = 2.0
     dilationAutomatic: bool = True
     inputSegmentation: Optional[vtkMRMLSegmentationNode]
     inputSegmentId: str = ""
     regions: Optional[vtkMRMLSegmentationNode]
     regionSegmentId: str = ""
 
-    netRows: Annotated[int, WithinRange(*RANGES["netRows"])] = 9
-    netColumns: Annotated[int, WithinRange(*RANGES["netColumns"])] = 7
+    genericModel: Model = Model(FitOptions.model)
+    netRows: _ranged("net") = 9
+    netColumns: _ranged("net") = 7
     netAutomatic: bool = True
-    closure: Closure = Closure.SMOOTH
-    tauMm: Annotated[float, WithinRange(*RANGES["tauMm"])] = 1.5
+    closure: Closure = Closure(FitOptions.closure)
+    tauMm: _ranged("tau") = 1.5
     tauAutomatic: bool = True
-    profile: Profile = Profile.CENTERED
-    levels: Levels = Levels.LOCAL
-    inside: Annotated[float, WithinRange(-LEVELS, LEVELS)] = 1.0
-    outside: Annotated[float, WithinRange(-LEVELS, LEVELS)] = 0.0
-    smoothnessLog10: Annotated[float, WithinRange(*RANGES["smoothnessLog10"])] = -5.0
+    profile: Profile = Profile(FitOptions.profile)
+    levels: Levels = Levels(FitOptions.levels)
+    inside: _ranged("inside") = 1.0
+    outside: _ranged("outside") = 0.0
+    smoothnessLog10: Annotated[float, _Within(OPTIONS["smoothness"], _NO_SMOOTHNESS, 0.0, "10^{}")] = -5.0
     smoothnessAutomatic: bool = True
-    solver: Solver = Solver.GAUSS_NEWTON
-    stopping: Stopping = Stopping.SETTLED
-    toleranceMm: Annotated[float, WithinRange(*RANGES["toleranceMm"])] = 0.1
-    maxIterations: Annotated[int, WithinRange(*RANGES["maxIterations"])] = 0
-    boundaryWeight: Annotated[float, WithinRange(*RANGES["boundaryWeight"])] = 1.0
+    loss: Loss = Loss(FitOptions.loss)
+    solver: Solver = Solver(FitOptions.solver)
+    stopping: Stopping = Stopping(FitOptions.stopping)
+    toleranceMm: _ranged("tolerance") = FitOptions.tolerance
+    maxIterations: Annotated[int, _Within(OPTIONS["max_iterations"], 0, OPTIONS["max_iterations"].limits[1])] = 0
+    boundaryWeight: _ranged("boundary_weight") = FitOptions.boundary_weight
 
     surface: Optional[vtkMRMLModelNode]
     boundaryPoints: Optional[vtkMRMLMarkupsFiducialNode]
@@ -209,27 +192,7 @@ class OrganParameters:
         ValueError
             If they do not go together.
         """
-        from ..registration.options import FitOptions
-
-        given = self.levels is Levels.GIVEN
-        return FitOptions(
-            net=None if self.netAutomatic else (self.netRows, self.netColumns),
-            closure=self.closure.value,
-            threshold=None if self.thresholdAutomatic else (self.threshold.minimum, self.threshold.maximum),
-            erosion=None if self.erosionAutomatic else self.erosionMm,
-            dilation=None if self.dilationAutomatic else self.dilationMm,
-            solver=self.solver.value,
-            tau=None if self.tauAutomatic else self.tauMm,
-            centered=self.profile is Profile.CENTERED,
-            levels=self.levels.value,
-            inside=self.inside if given else None,
-            outside=self.outside if given else None,
-            smoothness=None if self.smoothnessAutomatic else _smoothness(self.smoothnessLog10),
-            stopping=self.stopping.value,
-            tolerance=self.toleranceMm,
-            max_iterations=self.maxIterations or None,
-            boundary_weight=self.boundaryWeight,
-        )
+        return FitOptions(**{name: self._optionValue(name) for name in OPTIONS})
 
     def setFitOptions(self, options):
         """Take over how a surface is fitted; how the organ is separated stays.
@@ -241,31 +204,35 @@ class OrganParameters:
         Raises
         ------
         ValueError
-            If one of them is out of the range that the module offers; nothing is changed then.
+            If one of them is out of its range, as what a fit has found may be; nothing is changed then.
         """
-        rows, columns = options.net or (None, None)
-        given = {
-            "netRows": rows,
-            "netColumns": columns,
-            "tauMm": options.tau,
-            "toleranceMm": options.tolerance,
-            "maxIterations": options.max_iterations or 0,
-            "boundaryWeight": options.boundary_weight,
-        }
-        given = {name: _checked(name, value) for name, value in given.items() if value is not None}
-        if options.smoothness is not None:
-            given["smoothnessLog10"] = _smoothnessLog10(options.smoothness)
-        self.closure = Closure(options.closure)
-        self.solver = Solver(options.solver)
-        self.stopping = Stopping(options.stopping)
-        for name in _CHOSEN:
-            setattr(self, f"{name}Automatic", getattr(options, name) is None)
-        self.profile = Profile.CENTERED if options.centered else Profile.PAPER
-        self.levels = Levels(options.levels)
-        if options.inside is not None and options.outside is not None:
-            self.inside, self.outside = float(options.inside), float(options.outside)
-        for name, value in given.items():
-            setattr(self, name, value)
+        self._take({name: getattr(options, name) for name in OPTIONS if name not in _SEPARATION})
+
+    def _optionValue(self, name):
+        """Value of an option as the library takes it; None where it is left to the library."""
+        if name in _AUTOMATIC and getattr(self, f"{name}Automatic"):
+            return None
+        if name == "net":
+            return self.netRows, self.netColumns
+        if name == "threshold":
+            return self.threshold.minimum, self.threshold.maximum
+        if name in ("inside", "outside") and self.levels is not Levels.GIVEN:
+            return None
+        value = getattr(self, _STORED.get(name, name))
+        if name == "smoothness":
+            least = OPTIONS[name].limits[0]
+            return OPTIONS[name].nearest(10.0**value) if value >= math.log10(least) else 0.0
+        if name == "max_iterations":
+            return value or None
+        return value.value if isinstance(value, enum.Enum) else value
+
+    def _take(self, values):
+        """Take over values of options by their names, all or none; None leaves an option to the library."""
+        checked = {name: OPTIONS[name].checked(value) for name, value in values.items()}
+        stored = _stored(checked)
+        stored.update({f"{name}Automatic": checked[name] is None for name in checked if name in _AUTOMATIC})
+        for parameter, value in stored.items():
+            setattr(self, parameter, value)
 
     def showChosen(self, options, net):
         """Show what a fit has chosen, in the place of the values that it left alone.
@@ -277,14 +244,10 @@ class OrganParameters:
         net : (rows, columns)
             That was fitted, before boundary points made it finer.
         """
-        shown = {
-            "net": {"netRows": net[0], "netColumns": net[1]},
-            "tau": {"tauMm": options.tau},
-            "smoothness": {"smoothnessLog10": _smoothnessLog10(options.smoothness)},
-        }
-        for option in self.chosenByFit():
-            for name, value in shown[option].items():
-                setattr(self, name, _nearest(name, value))
+        found = {"net": net, "tau": options.tau, "smoothness": options.smoothness}
+        shown = {name: OPTIONS[name].nearest(found[name]) for name in self.chosenByFit()}
+        for parameter, value in _stored(shown).items():
+            setattr(self, parameter, value)
 
     def chosenByFit(self):
         """Names of the options that a fit chooses by what the image shows.
@@ -295,25 +258,20 @@ class OrganParameters:
         """
         return [option for option in _CHOSEN if getattr(self, f"{option}Automatic")]
 
-    def setRadii(self, erosion, dilation):
-        """Give erosion and dilation, or leave them to the separation.
+    def setSeparation(self, **values):
+        """Give what the organ is separated by, or leave it to the separation.
 
         Parameters
         ----------
-        erosion, dilation : float or None
-            mm.
+        **values
+            Options of the library by the names "threshold", "erosion" and "dilation"; None is automatic.
 
         Raises
         ------
         ValueError
-            If one is out of the range that the module offers; nothing is changed then.
+            If one is out of its range; nothing is changed then.
         """
-        given = {"erosion": erosion, "dilation": dilation}
-        checked = {name: _checked(f"{name}Mm", value) for name, value in given.items() if value is not None}
-        for name in given:
-            setattr(self, f"{name}Automatic", name not in checked)
-        for name, value in checked.items():
-            setattr(self, f"{name}Mm", value)
+        self._take(values)
 
     def reference(self):
         """Tell what the surface is to be compared with.
@@ -362,35 +320,19 @@ class ModuleParameters:
     current: Optional[vtkMRMLScriptedModuleNode]
 
 
-def _smoothness(power):
-    """Return the weight of the bending energy that a power of ten stands for."""
-    return 10.0**power if power > NO_SMOOTHNESS else 0.0
-
-
-def _smoothnessLog10(smoothness):
-    """Return the power of ten that the slider shows for a weight."""
-    import math
-
-    return _nearest("smoothnessLog10", math.log10(smoothness) if smoothness else NO_SMOOTHNESS)
-
-
-def _nearest(name, value):
-    """Return the value of a parameter's range that is nearest to a number."""
-    low, high = RANGES[name]
-    return type(low)(min(max(value, low), high))
-
-
-def _checked(name, value):
-    """Return a number as its parameter holds it, after looking that it is in the range."""
-    low, high = RANGES[name]
-    try:
-        number = type(low)(value)
-    except (TypeError, ValueError, OverflowError):
-        number = None
-    if number is None or not low <= number <= high:
-        raise ValueError(
-            _("The value {value} was given for {name}; one from {low} to {high} is needed. Choose another.").format(
-                value=value, name=_WORDS[name](), low=low, high=high
-            )
-        )
-    return number
+def _stored(values):
+    """Parameters that stand for values of options by their names; those that are None have none."""
+    stored = {}
+    for name, value in values.items():
+        parameter = _STORED.get(name, name)
+        if name == "max_iterations":
+            stored[parameter] = value or 0
+        elif name == "net" and value is not None:
+            stored["netRows"], stored["netColumns"] = value
+        elif name == "threshold" and value is not None:
+            stored[parameter] = FloatRange(*value)
+        elif name == "smoothness" and value is not None:
+            stored[parameter] = math.log10(value) if value else _NO_SMOOTHNESS
+        elif value is not None:
+            stored[parameter] = _CHOICES[name](value) if name in _CHOICES else value
+    return stored

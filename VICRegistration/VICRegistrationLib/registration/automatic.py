@@ -72,7 +72,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
     coarse, _ = plan.grey_level_stages(to_start_with(options, plan.pixel))
     caught = yield from last_step(coarse, space.at(near.surface))
     chosen, choices = chosen_by(caught, plan.sampler, plan.voxel, options)
-    chosen = replace(chosen, net=first)
+    chosen = chosen.filled_in(net=first)
     anchor = anchor_for(caught)
     _, fine = plan.grey_level_stages(chosen, anchor=anchor)
     found = yield from last_step(fine, space.at(caught.surface))
@@ -98,7 +98,7 @@ def fit_in_frame(plan: Plan, model: BSplineSurface, options: FitOptions) -> Gene
         model, halvings = model.refined(), halvings + 1
     space = sampled_net(first, options.closure, halvings)
     cost = fine.correlation(space.at(found.surface)).cost_of(model)
-    return Outcome(replace(chosen, net=net), choices, cost)
+    return Outcome(chosen.filled_in(net=net), choices, cost)
 
 
 def _last_resort(plan: Plan, found: Step, fine: Stage, space: SampledSurface, options: FitOptions) -> tuple[Step, Held]:

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Choice:
 def to_start_with(options: FitOptions, pixel: float) -> FitOptions:
     """Fill in what is not known before anything was seen; `pixel` is the finest voxel spacing, mm."""
     smoothness = _STIFFNESS_TO_START if options.smoothness is None else options.smoothness
-    return replace(options, tau=options.tau or TAU_PIXELS * pixel, smoothness=smoothness)
+    return options.filled_in(tau=options.tau or TAU_PIXELS * pixel, smoothness=smoothness)
 
 
 def chosen_beside(image: Image, surface: BSplineSurface, options: FitOptions) -> tuple[FitOptions, tuple[Choice, ...]]:
@@ -128,7 +128,7 @@ def _with_choices(
         Choice("tau", f"{tau:.2f} mm", (why_tau,)),
         Choice("smoothness", f"{smoothness:.2g}", (why_smoothness,)),
     )
-    return replace(options, tau=tau, smoothness=smoothness), choices
+    return options.filled_in(tau=tau, smoothness=smoothness), choices
 
 
 def _tau(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, options: FitOptions) -> tuple[float, Diagnostic]:

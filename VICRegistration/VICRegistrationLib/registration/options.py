@@ -1,116 +1,370 @@
-"""Choices for fitting an organ."""
+"""Options of a fit, each declared once: name, type, default, label, help, range and unit.
+
+Flags of the command line, keys of a configuration file, parameters in Slicer with their ranges, labels and tooltips of
+the panel, and the table in docs/command-line.md follow from these rows, see `OPTIONS`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 
-import numpy as np
-
 from ..geometry.models import GENERIC_MODELS
-from ..geometry.parametrization import CLOSURES
-from .cost import LOSSES
-from .solvers import SOLVERS
-from .virtual_image import LEVEL_MODES
+from ..messages import marked as _
 
 # The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
 TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0
 MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
-STOPPINGS = ("settled", "published")
+# Grey levels of images are smaller; Slicer's fields for larger ones would be wider than the panel.
+_GREY_LEVELS = (-1e6, 1e6)
+
+# Tooltips of the panel.
+WITH_DEFAULT = _("{help}. Default: {default}.")
+LEFT_TO_THE_FIT = _("Leave it to the fit (default): {default}. Untick it to choose yourself.")
+IN_POWERS_OF_TEN = _("It is shown as a power of ten; the left end stands for 0.")
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is to be known of an option: a word out of `choices`, or one or two numbers.
+
+    Parameters
+    ----------
+    label : str
+        What it is called in the panel and in sentences.
+    help : str
+        What it does, without a full stop.
+    automatic : str
+        What is taken where it is None; empty for an option that always has a value.
+    limits : (low, high)
+        The least and the largest number.
+    unit : str
+    whole : bool
+        Whether only whole numbers are meant.
+    or_zero : bool
+        Whether zero is allowed below the least number, and stands for none.
+    pair : str
+        How two numbers are written, such as "LOW,HIGH"; empty for one.
+    ascending : bool
+        Whether the second of two must not be less than the first.
+    choices : mapping of str to str
+        The words, and what they are called in the panel.
+    known : mapping
+        Where its keys are words too, with those that are added to it.
+    """
+
+    label: str
+    help: str
+    automatic: str = ""
+    limits: tuple[float, float] = (-math.inf, math.inf)
+    unit: str = ""
+    whole: bool = False
+    or_zero: bool = False
+    pair: str = ""
+    ascending: bool = False
+    choices: Mapping[str, str] = field(default_factory=dict)
+    known: Mapping[str, object] = field(default_factory=dict)
+
+    def checked(self, value: object) -> object:
+        """Check a value, and return it in its own type.
+
+        Parameters
+        ----------
+        value : object
+
+        Returns
+        -------
+        str, float, int, tuple of two numbers, or None
+
+        Raises
+        ------
+        ValueError
+            If it is no value of this option: the same sentence wherever it was given.
+        """
+        if value is None and self.automatic:
+            return None
+        try:
+            return self._converted(value)
+        except (OverflowError, TypeError, ValueError):
+            raise ValueError(self.refusal(repr(value) if isinstance(value, str) else str(value))) from None
+
+    def read(self, written: object) -> object:
+        """Read a value as it is written on the command line or in a configuration, and check it.
+
+        Parameters
+        ----------
+        written : object
+            A text, or what JSON makes of a value.
+
+        Returns
+        -------
+        str, float, int, or tuple of two numbers
+
+        Raises
+        ------
+        ValueError
+            As :meth:`checked`.
+        """
+        if written is None:
+            raise ValueError(self.refusal("None"))
+        if not isinstance(written, str) or self.choices:
+            return self.checked(written)
+        try:
+            numbers = [float(part) for part in written.lower().replace("×", "x").split(self._separator)]
+        except ValueError:
+            return self.checked(written)
+        try:
+            return self._converted(numbers if self.pair else numbers[0])
+        except (OverflowError, TypeError, ValueError):
+            raise ValueError(self.refusal(written)) from None
+
+    def refusal(self, told: str) -> str:
+        """Say that a value, as it is told, is none of this option."""
+        return f"The {self.label} is {told}; it must be {self.needed}."
+
+    def nearest(self, value: float | tuple[float, float]) -> float | tuple[float, float]:
+        """Return the number within the limits that is nearest to one that is not zero, or both of two."""
+        if self.pair:
+            return tuple(replace(self, pair="").nearest(number) for number in value)
+        nearest = min(max(value, self.limits[0]), self.limits[1])
+        return int(nearest) if self.whole else float(nearest)
+
+    @property
+    def metavar(self) -> str:
+        """How a value is written on the command line."""
+        return "|".join(self.choices) or self.pair or self.unit.upper() or ("N" if self.whole else "VALUE")
+
+    @property
+    def needed(self) -> str:
+        """What a value must be, in words that go on a sentence."""
+        if self.choices:
+            return f"one of {', '.join({**self.choices, **self.known})}"
+        kind = "whole number" if self.whole else "number"
+        kind = f"two {kind}s {self.pair}" if self.pair else f"a {kind}"
+        unit = f" {self.unit}" if self.unit else ""
+        order = ", the lowest first" if self.ascending else ""
+        zero = "0, or " if self.or_zero else ""
+        return f"{zero}{kind} from {self.limits[0]:.7g} to {self.limits[1]:.7g}{unit}{order}"
+
+    @property
+    def _separator(self) -> str | None:
+        return ("x" if "x" in self.pair else ",") if self.pair else None
+
+    def _converted(self, value: object) -> object:
+        """Return a value in its own type; an error if it is none."""
+        if self.choices:
+            if value not in self.choices and value not in self.known:
+                raise ValueError
+            return value
+        if not self.pair:
+            return self._number(value)
+        first, second = (self._number(part) for part in value)
+        if self.ascending and first > second:
+            raise ValueError
+        return first, second
+
+    def _number(self, value: object) -> float:
+        """Return a number within the limits; an error if it is none."""
+        number = int(value) if self.whole else float(value)
+        within = self.limits[0] <= number <= self.limits[1] or (self.or_zero and number == 0.0)
+        if isinstance(value, bool) or not isinstance(value, Real) or number != value or not within:
+            raise ValueError
+        return number
+
+
+def _row(default: object, label: str, help: str, automatic: str = "", **values: object):
+    return field(default=default, metadata={"option": Option(label, help, automatic, **values)})
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Choices for fitting an organ; the defaults need no tuning.
+    """Options for fitting an organ; the defaults need no tuning.
 
-    Parameters
-    ----------
-    net : (rows, columns), optional
-        Size of the control net in the paper's counting; if not given it is chosen, see :mod:`.finer_nets`: 9x7, 17x11
-        or 33x19, the finest one that lowers the cost by more than noise explains.
-    closure : {"smooth", "paper"}
-        How the surface is kept closed, see :func:`..geometry.parametrization.closed_organ`.
-    model : str
-        Name of the generic model to start from, see :data:`..geometry.models.GENERIC_MODELS`.
-    threshold : (low, high), optional
-        Grey levels of the organ, for separating it; suggested from the seeds if not given.
-    erosion : float, optional
-        Erosion that cuts bridges to neighbours, mm; that of :func:`..segmentation.separation.separate` if not given.
-    dilation : float, optional
-        Dilation of the separated organ back to its edge, mm; as far as the erosion if not given.
-    solver : {"gauss-newton", "gradient-descent"}
-    tau : float, optional
-        Width of the intensity profile's ramp in mm; as wide as the edge in the image if not given.
-    centered : bool
-        Whether the surface lies at half height of the ramp, or as published at its inner foot.
-    levels : {"local", "organ", "given"}
-        Grey levels inside and outside: estimated along the surface, once for the organ, or given.
-    inside, outside : float, optional
-        Grey levels for ``levels="given"``.
-    smoothness : float, optional
-        Weight of the thin-plate energy on the grey levels, dimensionless, see :class:`.stages.Stage`; larger is
-        stiffer. If not given, it is chosen by the noise.
-    loss : {"squares", "huber"}
-        How much samples on the grey levels count that are far from the virtual image's: their squares, as published, or
-        less, where small clots lie at the wall.
-    tolerance : float
-        Largest displacement of a control point at which the last stage stops, mm.
-    stopping : {"settled", "published"}
-        "settled": a stage ends at its tolerance or when its cost has settled, gradient descent at a twentieth of both.
-        "published": at its tolerance alone, which is 0.01 for the parameters of the global scaling.
-    max_iterations : int, optional
-        For each stage; 50 for Gauss-Newton and 300 for gradient descent if not given.
-    boundary_weight : float
-        Weight of the boundary points, dimensionless, see :func:`.correction.correct`: 0 leaves them out; with 1 the
-        surface passes a point that was 5 mm off at 0.1 mm, with 0.1 at about 1 mm.
+    Each option is one row: its default, what it is called, what it does, what is taken where it is None, and the values
+    that it takes. `OPTIONS` holds the rows by the options' names.
+
+    Raises
+    ------
+    ValueError
+        If an option has a value that it does not take, or the profile level and the grey levels do not go together.
     """
 
-    net: tuple[int, int] | None = None
-    closure: str = "smooth"
-    model: str = "automatic"
-    threshold: tuple[float, float] | None = None
-    erosion: float | None = None
-    dilation: float | None = None
-    solver: str = "gauss-newton"
-    tau: float | None = None
-    centered: bool = True
-    levels: str = "local"
-    inside: float | None = None
-    outside: float | None = None
-    smoothness: float | None = None
-    loss: str = "squares"
-    tolerance: float = 0.1
-    stopping: str = "settled"
-    max_iterations: int | None = None
-    boundary_weight: float = 1.0
+    net: tuple[int, int] | None = _row(
+        None,
+        _("control net"),
+        _(
+            "Rows of control points around the organ and columns from pole to pole, in the paper's counting: the last "
+            "row is the first one again, the first and the last column are the poles"
+        ),
+        _("9x7, 17x11 or 33x19, the finest that lowers the cost by more than noise explains"),
+        limits=(5, 65),
+        whole=True,
+        pair="ROWSxCOLUMNS",
+    )
+    closure: str = _row(
+        "smooth",
+        _("closure"),
+        _("How the surface closes at its seam and its poles"),
+        choices={"smooth": _("Smooth (tangent plane at the poles)"), "paper": _("As published (midpoints)")},
+    )
+    model: str = _row(
+        "automatic",
+        _("generic model"),
+        _("The surface that the fit starts from"),
+        choices={
+            "automatic": _("Automatic: an ellipsoid, or a tube where the organ is bent"),
+            "ellipsoid": _("Ellipsoid"),
+            "tube": _("Tube with two ends"),
+        },
+        known=GENERIC_MODELS,
+    )
+    threshold: tuple[float, float] | None = _row(
+        None,
+        _("threshold"),
+        _("Darkest and brightest grey level of the organ, the same everywhere"),
+        _("half-way to the surroundings, following the signal where it fades"),
+        limits=_GREY_LEVELS,
+        pair="LOW,HIGH",
+        ascending=True,
+    )
+    erosion: float | None = _row(
+        None,
+        _("erosion"),
+        _("How deep the region is eroded: bridges to other tissue of up to twice this width are cut"),
+        _("2 mm, more where the region leaks, less where the organ is too thin for that"),
+        limits=(0.0, 20.0),
+        unit="mm",
+    )
+    dilation: float | None = _row(
+        None,
+        _("dilation"),
+        _("How far the region grows back to the organ's edge after the erosion, within the threshold"),
+        _("as far as the erosion"),
+        limits=(0.0, 20.0),
+        unit="mm",
+    )
+    solver: str = _row(
+        "gauss-newton",
+        _("solver"),
+        _("How the cost is minimised: Gauss-Newton takes tens of iterations, the paper's gradient descent hundreds"),
+        choices={"gauss-newton": _("Gauss-Newton"), "gradient-descent": _("Gradient descent (as published)")},
+    )
+    tau: float | None = _row(
+        None,
+        _("edge width (tau)"),
+        _(
+            "Width of the ramp of the intensity profile from the organ's grey level to its surroundings'; wider "
+            "catches an edge from farther away, narrower places it more exactly"
+        ),
+        _("as wide as the edge in the image, within 2 to 3 pixels"),
+        limits=(0.01, 20.0),
+        unit="mm",
+    )
+    profile: str = _row(
+        "centered",
+        _("place on the edge"),
+        _("Where on the ramp of the intensity profile the surface lies"),
+        choices={"centered": _("Half-way up the edge"), "paper": _("Inner foot of the edge (as published)")},
+    )
+    levels: str = _row(
+        "local",
+        _("profile level"),
+        _("How the grey levels inside and outside of the edge are found"),
+        choices={
+            "local": _("Automatic, along the surface"),
+            "organ": _("Automatic, one for the organ"),
+            "given": _("Given"),
+        },
+    )
+    inside: float | None = _row(
+        None,
+        _("grey level inside"),
+        _("Grey level inside of the edge, where the profile level is given"),
+        _("found in the image"),
+        limits=_GREY_LEVELS,
+    )
+    outside: float | None = _row(
+        None,
+        _("grey level outside"),
+        _("Grey level outside of the edge, where the profile level is given"),
+        _("found in the image"),
+        limits=_GREY_LEVELS,
+    )
+    smoothness: float | None = _row(
+        None,
+        _("smoothness"),
+        _("Weight of the bending energy, without unit: ten times as much is ten times as stiff, 0 is none"),
+        _("by noise and uneven tissue, and in how many voxels they are seen; mostly 1e-4 to 4e-4"),
+        limits=(1e-8, 1.0),
+        or_zero=True,
+    )
+    loss: str = _row(
+        "squares",
+        _("loss"),
+        _("How much places at the wall count that look like something else, such as small clots"),
+        choices={"squares": _("Their squares (as published)"), "huber": _("Less than their squares (Huber)")},
+    )
+    tolerance: float = _row(
+        0.1,
+        _("tolerance"),
+        _("The fit has come to rest when no control point moves by more than this in an iteration"),
+        limits=(0.001, 5.0),
+        unit="mm",
+    )
+    stopping: str = _row(
+        "settled",
+        _("stop rule"),
+        _("When a stage of the fit ends"),
+        choices={"settled": _("At the tolerance, or when settled"), "published": _("At the tolerance (as published)")},
+    )
+    max_iterations: int | None = _row(
+        None,
+        _("iteration limit"),
+        _("Largest number of iterations of each stage of the fit"),
+        _("50 for Gauss-Newton, 300 for gradient descent"),
+        limits=(1, 10000),
+        whole=True,
+    )
+    boundary_weight: float = _row(
+        1.0,
+        _("weight of points"),
+        _(
+            "How much boundary points count against the image, without unit: 0 leaves them out, 1 brings the surface "
+            "to 0.1 mm of a point that was 5 mm off, 0.1 to about 1 mm"
+        ),
+        limits=(0.0, 10.0),
+    )
 
     def __post_init__(self) -> None:
         """Check what can be checked without an image."""
-        if self.net is not None:
-            object.__setattr__(self, "net", _checked_net(self.net))
-        words = {
-            "solver": tuple(SOLVERS),
-            "levels": LEVEL_MODES,
-            "closure": CLOSURES,
-            "model": tuple(GENERIC_MODELS),
-            "stopping": STOPPINGS,
-            "loss": LOSSES,
-        }
-        for name, choices in words.items():
-            if getattr(self, name) not in choices:
-                msg = f"The option {name} is {getattr(self, name)!r}; choose one of {', '.join(choices)}."
-                raise ValueError(msg)
+        for name, option in OPTIONS.items():
+            object.__setattr__(self, name, option.checked(getattr(self, name)))
         if self.levels == "given" and (self.inside is None or self.outside is None):
-            msg = "Given levels were asked for without them; give the grey levels inside and outside too."
+            msg = "The profile level is to be given; the grey levels inside and outside must be given too."
             raise ValueError(msg)
-        for name in ("tau", "tolerance", "smoothness", "max_iterations", "boundary_weight"):
-            value = getattr(self, name)
-            if value is None and name in ("tau", "smoothness", "max_iterations"):
-                continue
-            is_number = isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(value)
-            if not is_number or value < 0 or (value == 0 and name not in ("smoothness", "boundary_weight")):
-                msg = f"The option {name} is {value!r}; a finite positive number is needed."
-                raise ValueError(msg)
+        if self.levels != "given" and not (self.inside is None and self.outside is None):
+            msg = "A grey level inside or outside is given; the profile level must be 'given' then, or it is left out."
+            raise ValueError(msg)
+
+    def filled_in(self, **values: object) -> FitOptions:
+        """Copy these options with values that a fit has found, which may lie beyond what a user may give.
+
+        Parameters
+        ----------
+        **values
+            By the options' names.
+
+        Returns
+        -------
+        FitOptions
+        """
+        found = copy.copy(self)
+        for name, value in values.items():
+            object.__setattr__(found, name, value)
+        return found
 
     @classmethod
     def as_published(cls) -> FitOptions:
@@ -123,8 +377,8 @@ class FitOptions:
             - ``closure`` "paper": midpoints at the seam, poles that move with their rings, figures 2 and 3.
             - ``solver`` "gradient-descent", section 2.2, and at most 300 iterations for each stage; the paper's run
               took 140 for the scaling and about 150 for the control points (figure 16).
-            - ``centered`` False: equation 3 puts the surface at the inner foot of the ramp, about half a ramp inside of
-              the edge.
+            - ``profile`` "paper": equation 3 puts the surface at the inner foot of the ramp, about half a ramp inside
+              of the edge.
             - ``tau`` automatic: 2 to 3 pixels suit the paper's MRI.
             - ``levels`` "organ": one grey level inside and one outside, as A_max and A_min of equation 3.
             - ``smoothness`` 0: there is no bending energy.
@@ -141,8 +395,7 @@ class FitOptions:
             net=(9, 7),
             closure="paper",
             solver="gradient-descent",
-            tau=None,
-            centered=False,
+            profile="paper",
             levels="organ",
             smoothness=0.0,
             tolerance=0.01,
@@ -151,14 +404,4 @@ class FitOptions:
         )
 
 
-def _checked_net(net) -> tuple[int, int]:
-    """Return the net's size as two whole numbers."""
-    try:
-        rows, columns = (int(size) for size in net)
-        whole = (rows, columns) == tuple(net)
-    except (TypeError, ValueError):
-        whole = False
-    if not whole:
-        msg = f"The option net is {net!r}; two whole numbers are needed, such as (9, 7)."
-        raise ValueError(msg)
-    return rows, columns
+OPTIONS: dict[str, Option] = {each.name: each.metadata["option"] for each in fields(FitOptions)}

@@ -260,7 +260,7 @@ def refit(
     start, image = time.perf_counter(), as_image(image)
     points = checked_boundary_points(boundary_points)
     closure = closure_of(surface)
-    options = replace(options or FitOptions(), closure=closure, net=net_of(surface, closure))
+    options = (options or FitOptions()).filled_in(closure=closure, net=net_of(surface, closure))
     options = _resolved(options, region)
     history: list[Step] = []
     if _count(points, options):
@@ -313,7 +313,7 @@ def _result(image, uncorrected, history, correction, points, outcome, *, region,
         cost_initial=outcome.cost_initial,
         cost_final=steps[-1].cost,
         seconds=time.perf_counter() - start,
-        options=replace(options, net=net),
+        options=options.filled_in(net=net),
         boundary_points=points if _count(points, options) else points[:0],
         uncorrected=uncorrected,
         choices=choices,
@@ -358,8 +358,7 @@ def _check_thickness(pose: Moments, tau: float) -> None:
 
 def _resolved(options: FitOptions, region: Region | None) -> FitOptions:
     """Fill in the automatic choices that need no look at the image."""
-    return replace(
-        options,
+    return options.filled_in(
         threshold=options.threshold if region is None else region.threshold,
         max_iterations=options.max_iterations or MAX_ITERATIONS[options.solver],
     )

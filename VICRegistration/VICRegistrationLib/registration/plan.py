@@ -159,7 +159,7 @@ def grey_level_stages(
             name,
             sampler,
             VirtualImage(
-                IntensityProfile(inside, outside, widening * options.tau, centered=options.centered),
+                IntensityProfile(inside, outside, widening * options.tau, centered=options.profile == "centered"),
                 mode=options.levels,
                 voxel=voxel,
             ),

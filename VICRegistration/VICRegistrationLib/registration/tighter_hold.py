@@ -71,7 +71,7 @@ def hold(
     net = net_of(near.surface, options.closure)
     for factor in _TIGHTER:
         step = near
-        tighter = replace(options, smoothness=factor * options.smoothness)
+        tighter = options.filled_in(smoothness=factor * options.smoothness)
         for stage in plan.grey_level_stages(tighter, anchor=factor * anchor):
             # Stages are told apart by their names, and more than one net may have to be held.
             name = f"{stage.name}, {net_text(net)}, held {factor:g} times tighter"
