@@ -17,6 +17,7 @@ from pydicom.uid import (  # noqa: E402
 )
 
 from VICRegistrationLib.analysis.references import read_reference  # noqa: E402
+from VICRegistrationLib.cli.references import reference_paths  # noqa: E402
 from VICRegistrationLib.geometry.triangles import enclosed_volume  # noqa: E402
 from VICRegistrationLib.imaging.labels import read_label  # noqa: E402
 from VICRegistrationLib.imaging.reading import read_image  # noqa: E402
@@ -183,6 +184,12 @@ def test_frames_that_highdicom_would_straighten_are_refused(tmp_path, shift):
     path = segmentation(tmp_path / "seg.dcm", np.stack([bladder, tumour], axis=-1), images=images)
     with pytest.raises(ValueError, match="The frames of .* (are shifted|are not in even steps)"):
         read_label(path, "bladder")
+
+
+def test_a_folder_with_one_segmentation_is_a_reference(tmp_path):
+    folder = write_series(tmp_path / "study", source())
+    path = segmentation(folder / "seg.dcm", masks()[0], labels=("organ",))
+    assert reference_paths(str(folder), ["bladder", "rectum"]) == {"bladder": path, "rectum": path}
 
 
 def test_a_segmentation_is_no_image(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 from ..analysis.references import ReadReference, read_reference
 from ..export.mesh_reading import FRAMES, READABLE_MESHES
 from ..file_names import file_key
+from ..imaging.dicom import is_segmentation
 
 # Endings of references in a folder, the first that there is.
 _ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
@@ -123,7 +124,7 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
     Parameters
     ----------
     reference : str
-        A file, or a folder with a file for each organ.
+        A file, or a folder with a file for each organ, or with one DICOM segmentation.
     names : sequence of str
         Of the organs.
 
@@ -139,6 +140,10 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
     path = Path(reference)
     if not path.is_dir():
         return dict.fromkeys(names, path)
+    segmentations = [file for file in path.iterdir() if file.is_file() and is_segmentation(file)]
+    if len(segmentations) == 1:
+        # A folder with one DICOM segmentation, as archives export it.
+        return dict.fromkeys(names, segmentations[0])
     found = {}
     for name in names:
         wanted = {file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}

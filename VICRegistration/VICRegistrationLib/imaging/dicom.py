@@ -59,8 +59,11 @@ def is_dicom(path: Path) -> bool:
 
 
 def is_segmentation(path: Path) -> bool:
-    """Whether a file is a DICOM segmentation."""
-    return is_dicom(path) and _header(str(path)).get(_SOP_CLASS) in _SEGMENTATIONS
+    """Whether a file is a DICOM segmentation; no if it cannot be read."""
+    try:
+        return is_dicom(path) and _header(str(path)).get(_SOP_CLASS) in _SEGMENTATIONS
+    except ValueError:
+        return False
 
 
 def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
