@@ -19,7 +19,7 @@ FOLDER = Path(__file__).resolve().parent
 WIDTH = 1200
 LANCZOS = Image.Resampling.LANCZOS
 # Of the report as a browser shows it: its width, and where three parts of it begin, each as high as the last number.
-PAGE_WIDTH, PARTS, PART_HEIGHT = 1000, (0, 1440, 2655), 1200
+PAGE_WIDTH, PARTS, PART_HEIGHT = 1000, (0, 1414, 2638), 1205
 
 
 def main() -> None:
@@ -40,25 +40,25 @@ def main() -> None:
         browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
         if browser is None:
             sys.exit("report.png is not drawn: that needs Chromium.")
-        write_small(page_parts(browser, organs / "report.html", folder / "page.png"), "report")
+        write_small(page_parts(browser, organs / "report.html", folder / "page.png"), "report", width=1800)
 
 
 def page_parts(browser: str, page: Path, picture: Path) -> Image.Image:
-    """Parts of a page as a browser shows it, side by side on grey."""
+    """Parts of a page as a browser shows it, side by side."""
     size = f"--window-size={PAGE_WIDTH},{PARTS[-1] + PART_HEIGHT}"
     how = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", size, f"--screenshot={picture}"]
     subprocess.run([browser, *how, page.as_uri()], check=True, capture_output=True)
-    whole, gap = Image.open(picture).convert("RGB"), 24
-    parts = Image.new("RGB", (len(PARTS) * (PAGE_WIDTH + gap) + gap, PART_HEIGHT + 2 * gap), "#c9ced6")
+    whole, gap = Image.open(picture).convert("RGB"), 12
+    parts = Image.new("RGB", (len(PARTS) * (PAGE_WIDTH + gap) + gap, PART_HEIGHT + 2 * gap), "#20242b")
     for number, top in enumerate(PARTS):
         part = whole.crop((0, top, PAGE_WIDTH, top + PART_HEIGHT))
         parts.paste(part, (gap + number * (PAGE_WIDTH + gap), gap))
     return parts
 
 
-def write_small(picture: Image.Image, name: str) -> None:
+def write_small(picture: Image.Image, name: str, *, width: int = WIDTH) -> None:
     """Write a picture with fewer pixels and 256 colours, which neighbouring pixels mix so that shading stays smooth."""
-    small = picture.convert("RGB").resize((WIDTH, round(picture.height * WIDTH / picture.width)), LANCZOS)
+    small = picture.convert("RGB").resize((width, round(picture.height * width / picture.width)), LANCZOS)
     palette = small.quantize(256, method=Image.Quantize.MAXCOVERAGE)
     path = FOLDER / f"{name}.png"
     small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
