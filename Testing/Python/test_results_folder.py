@@ -58,6 +58,22 @@ def plain(images, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def pictured(images, small_pictures, tmp_path_factory):
+    """Folder of results of two organs with their pictures and a reference, from one run."""
+    base = tmp_path_factory.mktemp("pictured")
+    config = configuration(
+        base,
+        {"organ": "bladder", "seed": CENTER.tolist(), "dilation": 1.5, "net": "7x6"},
+        {"organ": "rectum", "seed": [-10, 10, -18]},
+    )
+    words = ["fit", images / "mri.nrrd", "--config", config, "--reference", images / "truth.json"]
+    with pytest.MonkeyPatch.context() as patch:
+        without_finer_nets(patch)
+        assert cli.main([str(word) for word in [*words, "--output", base / "out", "--quiet"]]) == 0
+    return base / "out"
+
+
 @pytest.fixture
 def folder(plain, tmp_path):
     """A copy of it, with a file of the user."""
@@ -145,30 +161,28 @@ def test_the_assembly_holds_all_organs_and_goes_with_its_first_change(images, fo
     assert capsys.readouterr().err == f"removed from {folder}, as outdated: organs.step, rectum.step\n"
 
 
-def test_the_page_of_an_earlier_organ_is_as_it_was(images, tmp_path):
+def test_the_page_of_an_earlier_organ_is_as_it_was(images, pictured, tmp_path):
     """The whole page, made again from the files, shows what it showed after the fit."""
-    truth = ("--reference", images / "truth.json")
-    config = configuration(
-        tmp_path,
-        {"organ": "bladder", "seed": CENTER.tolist(), "dilation": 1.5, "net": "7x6"},
-        {"organ": "rectum", "seed": [-10, 10, -18]},
-    )
-    words = ["fit", images / "mri.nrrd", "--config", config, "--output", tmp_path / "both", "--quiet", *truth]
-    assert cli.main([str(word) for word in words]) == 0
     first = ("--dilation", "1.5", "--net", "7x6", "--no-pictures")
-    assert fit(images / "mri.nrrd", "bladder", tmp_path / "out", *first) == 0
+    assert fit(images / "mri.nrrd", "bladder", tmp_path, *first) == 0
     # Without pictures no reference may be given; the report is told of it as if it had been.
-    text = report(tmp_path / "out")
-    text["organs"]["bladder"]["reference"] = report(tmp_path / "both")["organs"]["bladder"]["reference"]
-    (tmp_path / "out" / "report.json").write_text(json.dumps(text))
-    assert fit(images / "mri.nrrd", "rectum", tmp_path / "out", *truth, seed=OTHER_SEED) == 0
+    refer(tmp_path, "bladder", report(pictured)["organs"]["bladder"]["reference"])
+    truth = ("--reference", images / "truth.json")
+    assert fit(images / "mri.nrrd", "rectum", tmp_path, *truth, seed=OTHER_SEED) == 0
     pages = [
         # Times and dates differ, and the files: a picture of the bladder by itself was never asked for.
         re.sub(r"\d+\.\d\d s |datetime=\S+|<time.*?/time>|bladder.png, ", "", page.read_text(encoding="utf-8"))
-        for page in (tmp_path / "both" / "report.html", tmp_path / "out" / "report.html")
+        for page in (pictured / "report.html", tmp_path / "report.html")
     ]
     assert pages[0].count("data:image/jpeg") == 9
     assert pages[0] == pages[1]
+
+
+def refer(folder, organ, reference):
+    """Write into the report what an organ was compared with."""
+    content = report(folder)
+    content["organs"][organ]["reference"] = reference
+    (folder / "report.json").write_text(json.dumps(content))
 
 
 def test_an_organ_comes_back_as_it_was_written(images, tmp_path):
@@ -281,24 +295,18 @@ def test_a_name_that_differs_in_its_case_is_refused(images, folder, capsys):
     assert "holds an organ bladder; name it like that" in capsys.readouterr().err
 
 
-def test_a_reference_of_an_earlier_run_that_is_gone_is_told(images, tmp_path, capsys):
-    shutil.copyfile(images / "truth.json", tmp_path / "truth.json")
-    assert fit(images / "mri.nrrd", "bladder", tmp_path / "out", "--reference", tmp_path / "truth.json") == 0
-    (tmp_path / "truth.json").unlink()
-    capsys.readouterr()
-    assert fit(images / "mri.nrrd", "rectum", tmp_path / "out", seed=OTHER_SEED) == 0
+def test_a_reference_of_an_earlier_run_that_is_gone_is_told(images, folder, capsys):
+    refer(folder, "bladder", {"path": str(folder / "gone.json"), "label": None, "largest": False, "frame": None})
+    assert fit(images / "mri.nrrd", "rectum", folder, seed=OTHER_SEED) == 0
     told = capsys.readouterr().err
     assert "bladder: warning: report.html is without its reference, which cannot be read again" in told
-    assert "truth.json" in told
-    check_report(tmp_path / "out", others=())
+    assert "gone.json" in told
+    check_report(folder)
 
 
-def test_pictures_of_all_organs_go_with_a_run_without(images, tmp_path, capsys):
-    out = tmp_path / "out"
-    for name, seed in (("bladder", SEED), ("rectum", OTHER_SEED)):
-        assert fit(images / "mri.nrrd", name, out, seed=seed) == 0
+def test_pictures_of_all_organs_go_with_a_run_without(images, pictured, tmp_path, capsys):
+    out = shutil.copytree(pictured, tmp_path / "out")
     assert {"report.html", "overview.png"} <= set(content(out))
-    capsys.readouterr()
     assert fit(images / "mri.nrrd", "rectum", out, "--no-pictures", seed=OTHER_SEED) == 0
     told = capsys.readouterr().err
     assert set(told.split("outdated: ")[1].strip().split(", ")) == {"report.html", "overview.png", "rectum.png"}
