@@ -121,7 +121,7 @@ def test_what_has_little_in_common_is_warned_of(fitted, truth, capsys):
     assert run(fitted["rectum"], truth / "rectum.stl", "--frame", "RAS", "--points", 100) == 0
     warning = capsys.readouterr().err
     assert warning.startswith(
-        "warning: rectum: fits rectum.stl better with left and right, and front and back exchanged"
+        "warning: rectum: The surface fits rectum.stl better with left and right, and front and back exchanged"
     )
     assert "in another frame (LPS or RAS)" in warning
 

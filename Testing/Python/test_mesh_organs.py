@@ -99,10 +99,9 @@ def test_overlapping_organs_share_the_nodes_of_their_interface(order):
     assert list(mesh.triangle_groups) == ["one_surface", "two_surface", "one_two_interface"]
     # Two caps of height 1.5 of a sphere of 20.
     lens = 2.0 * np.pi * 1.5**2 * (3.0 * 20.0 - 1.5) / 3.0
-    assert len(mesh.notes) == 1
-    assert mesh.notes[0].startswith("two and one overlap by ")
-    assert mesh.notes[0].endswith("this belongs to one.")
-    assert float(mesh.notes[0].split()[5]) == pytest.approx(lens, rel=0.02)
+    (note,) = mesh.notes
+    assert (note.code, note.values["first"], note.values["second"]) == ("overlap_resolved", "two", "one")
+    assert note.values["volume_mm3"] == pytest.approx(lens, rel=0.02)
     assert mesh.exact_volumes["one"] == pytest.approx(one.surface.volume())
     assert mesh.exact_volumes["two"] == pytest.approx(two.surface.volume() - lens, rel=1e-3)
     report = quality(mesh)
@@ -123,13 +122,13 @@ def test_the_order_of_the_organs_is_their_priority():
     one, two = ball(0.0, 20.0, "one"), ball(37.0, 20.0, "two")
     mesh = mesh_organs([two, one], MeshOptions(size=8.0))
     assert mesh.exact_volumes["two"] == pytest.approx(two.surface.volume())
-    assert mesh.notes[0].endswith("this belongs to two.")
+    assert mesh.notes[0].values["second"] == "two"
 
 
 def test_lumens_stay_free_of_the_walls_of_others():
     """The wall of the first reaches into the lumen of the second."""
     mesh = mesh_organs([ball(0.0, 15.0, "one"), ball(32.0, 15.0, "two")], MeshOptions(size=6.0, wall=4.0))
-    assert any("the lumen of two" in note for note in mesh.notes)
+    assert any("the lumen of two" in note.sentence() for note in mesh.notes)
     centers = mesh.points[mesh.tetrahedra].mean(axis=1)
     for x in (0.0, 32.0):
         assert np.linalg.norm(centers - [x, 0.0, 0.0], axis=1).min() > 14.9

@@ -22,6 +22,7 @@ from VICRegistrationLib.geometry.triangles import enclosed_volume
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.messages import Diagnostic
 
 CENTER = np.array([30.0, -20.0, 10.0])
 WRITERS = {
@@ -93,10 +94,10 @@ def test_the_largest_piece_of_a_mesh_has_no_hollow(surface, tmp_path):
     path = written(tmp_path / "hollow.ply", np.concatenate([part.points for part in parts]), triangles)
     whole = read_reference(path, frame="RAS")
     assert depth(whole.reference) == pytest.approx(3.0, abs=0.1)
-    assert whole.notes == (f"the mesh {path} has 3 pieces; --largest keeps only the largest one",)
+    assert whole.diagnostics == (Diagnostic("reference_in_pieces", {"reference": str(path), "count": 3}),)
     largest = read_reference(path, frame="RAS", largest=True)
     assert depth(largest.reference) == pytest.approx(-8.0, abs=0.1)
-    assert largest.notes == ()
+    assert largest.diagnostics == largest.notes == ()
 
 
 def test_what_is_no_closed_mesh_is_refused_with_its_name(surface, tmp_path):
@@ -229,11 +230,12 @@ def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
     write_image(Image(array, np.eye(4)), path)
     read = read_reference(path)
     assert (read.kind, read.label) == ("label image", "2")
-    assert read.notes == (f"label 2 of {path} has 2 pieces; --largest keeps only the largest one",)
+    values = {"reference": f"{path}, label 2", "count": 2}
+    assert read.diagnostics == (Diagnostic("reference_in_pieces", values),)
     # Flying edges cut the corners of voxels: a lone one has a sixth of its volume, a block loses its edges.
     assert enclosed_volume(read.reference.points, read.reference.triangles) == pytest.approx(1000.0, rel=0.02)
     largest = read_reference(path, largest=True)
-    assert largest.notes == ()
+    assert largest.diagnostics == largest.notes == ()
     assert depth(largest.reference, [8.0, 8.0, 8.0]) == pytest.approx(-4.5, abs=1e-6)
     assert depth(largest.reference, [17.0, 17.0, 17.0]) > 3.0
 

@@ -112,10 +112,30 @@ SENTENCES = {
         "organ that the surface does not follow, or a leak. Look at the contour there, and place points on the wall "
         "if the region is right, or give another threshold or erosion if it is not."
     ),
+    # A comparison with a reference.
+    "reference_in_pieces": _(
+        "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."
+    ),
+    "reference_mirrored": _(
+        "The surface fits {reference} better with {sides} exchanged (volume Dice {mirrored_dice:.2f} instead of "
+        "{dice:.2f}); one of the two is mirrored, or in another frame (LPS or RAS)."
+    ),
+    "little_in_common": _(
+        "The surface has little or no volume in common with {reference} (volume Dice {dice:.2f}); check that both are "
+        "of one organ in one image, and frame (LPS or RAS) and unit (mm) of a mesh."
+    ),
+    # A mesh of tetrahedra.
+    "overlap_resolved": _("{first} and {second} overlap by {volume_mm3:.3g} mm³; this belongs to {second}."),
+    "edges_straightened": _("{count} edges were curved less than the surface, for the shape of their elements."),
+    "poor_element": _(
+        "The worst element, at R {r:.1f}, A {a:.1f}, S {s:.1f} mm, has a scaled Jacobian of {jacobian:.3f}; {good:g} "
+        "or more is good. Look for a crease of the surface there, or choose another element size."
+    ),
 }
 # Words that values may be.
 WORDS = (
     *(_("left"), _("right"), _("posterior"), _("anterior"), _("inferior"), _("superior")),
+    *(_("left and right"), _("front and back"), _("top and bottom"), _("left and right, and front and back")),
     *(_("open"), _("folded pole"), _("flipped normal"), _("self-intersection")),
     *(
         _("surface of the region"),

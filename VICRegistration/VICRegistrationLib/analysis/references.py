@@ -14,6 +14,7 @@ from ..geometry.surface_file import read_surface_record
 from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes
 from ..imaging.region import region_from_mask
+from ..messages import Diagnostic
 from .distances import Reference, ReferenceMesh, closed_mesh, mesh_of_mask, pieces
 
 
@@ -28,6 +29,8 @@ class ReadReference:
     kind : {"surface", "mesh", "label image"}
     label : str
         Value and name of the label; empty for other kinds.
+    diagnostics : tuple of Diagnostic
+        What makes distances from it look larger than they are.
     notes : tuple of str
         What should be looked at, a sentence each.
     center : (3,) ndarray, optional
@@ -37,6 +40,7 @@ class ReadReference:
     reference: Reference
     kind: str
     label: str = ""
+    diagnostics: tuple[Diagnostic, ...] = ()
     notes: tuple[str, ...] = ()
     center: np.ndarray | None = None
 
@@ -111,7 +115,7 @@ def _mesh(path: Path, largest: bool, frame: str | None) -> ReadReference:
     parts = pieces(mesh)
     if largest:
         return ReadReference(parts[0], "mesh")
-    return ReadReference(mesh, "mesh", notes=_about_pieces(len(parts), f"the mesh {path}"))
+    return ReadReference(mesh, "mesh", diagnostics=_about_pieces(len(parts), str(path)))
 
 
 def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> ReadReference:
@@ -120,14 +124,11 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
     region = region_from_mask(mask, mask.array, largest_component=largest)
     if largest:
         region = replace(region, mask=fill_holes(region.mask))
-    if not largest:
-        notes += _about_pieces(ndimage.label(region.mask)[1], f"label {segment} of {path}")
+    stray = () if largest else _about_pieces(ndimage.label(region.mask)[1], f"{path}, label {segment}")
     center = mask.to_ras([(mask.size - 1) / 2.0])[0]
-    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), tuple(notes), center)
+    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), stray, tuple(notes), center)
 
 
-def _about_pieces(count: int, what: str) -> tuple[str, ...]:
+def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
     """Tell of stray pieces, whose distances would count."""
-    if count < 2:
-        return ()
-    return (f"{what} has {count} pieces; --largest keeps only the largest one",)
+    return () if count < 2 else (Diagnostic("reference_in_pieces", {"reference": reference, "count": count}),)

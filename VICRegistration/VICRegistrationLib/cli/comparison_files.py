@@ -152,7 +152,8 @@ def _entry(organ: ComparedOrgan) -> dict:
         "volume_ml": found.volume_ml,
         "reference_ml": found.reference_ml,
         "volume_difference_ml": found.volume_difference_ml,
-        "warnings": organ.warnings,
+        "reference_notes": list(organ.read.notes),
+        "warnings": [found.record() for found in organ.diagnostics],
     }
 
 

@@ -154,9 +154,9 @@ def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say
     report = quality(mesh)
     say("writing")
     names = write_tetrahedra(mesh, draft)
-    notes = list(mesh.notes)
     used = {"size": settings.size, "order": settings.order, "wall": settings.wall, "names_in_file": names}
-    return report.lines() + [f"note: {note}" for note in notes], {**used, **report.as_json(), "notes": notes}
+    lines = report.lines() + [f"note: {note.sentence()}" for note in mesh.notes]
+    return lines, {**used, **report.as_json(), "notes": [note.record() for note in mesh.notes]}
 
 
 def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:

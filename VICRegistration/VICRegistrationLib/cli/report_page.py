@@ -65,7 +65,7 @@ def _reported(organ: FittedOrgan, image: Image, reference: OrganReference | None
     compared = None
     if reference is not None:
         compared = compared_organ(organ.name, organ.fit.surface, reference.read, reference.path)
-        warnings += [f"Comparison with the reference: {warning}." for warning in compared.warnings]
+        warnings += [f"Comparison with the reference: {warning}" for warning in compared.warnings]
     how = {"seeds": organ.seeds, "seconds": organ.seconds, "asked": _asked(organ.asked)}
     return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, **how)
 

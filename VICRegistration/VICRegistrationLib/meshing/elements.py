@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..messages import Diagnostic
+
 EDGES = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
 # Corners, then middles of the edges, counter-clockwise seen from outside; the order is that of Abaqus (S1 to S4).
 FACES = np.array([(0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (2, 0, 3, 6, 7, 9)])
@@ -45,7 +47,7 @@ class TetrahedralMesh:
         patches; and A_B_interface where two groups of tetrahedra meet. Every triangle is in one group.
     exact_volumes : dict of str to float
         Volumes of the exact solids by group of tetrahedra, mm^3.
-    notes : tuple of str
+    notes : tuple of Diagnostic
         What the user should know: overlaps that were resolved, elements of poor shape.
     """
 
@@ -55,7 +57,7 @@ class TetrahedralMesh:
     triangles: np.ndarray
     triangle_groups: dict[str, np.ndarray]
     exact_volumes: Mapping[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
 
     @property
     def order(self) -> int:

@@ -13,6 +13,7 @@ from ..frames import RAS_TO_LPS
 from ..geometry.projection import closest_points
 from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
+from ..messages import Diagnostic
 from .elements import TetrahedralMesh, scaled_jacobians, volumes
 from .groups import patch_groups, second_order, surface_groups
 from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
@@ -132,7 +133,7 @@ class _Draft:
     region: np.ndarray
     exact: Mapping[str, float]
     off: np.ndarray
-    notes: tuple[str, ...]
+    notes: tuple[Diagnostic, ...]
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ class _Attempts:
             )
             _refuse_inverted(points, tetrahedra)
             if flattened:
-                notes.append(f"{flattened} edges were curved less than the surface, for the shape of their elements.")
+                notes.append(Diagnostic("edges_straightened", {"count": int(flattened)}))
         exact = exact_volumes(regions, result.notes["volumes"])
         off = _volume_errors(points, tetrahedra, region, exact)
         return _Draft(points, tetrahedra, region, exact, off, tuple(notes))
@@ -250,9 +251,7 @@ def _assembled(draft: _Draft, regions: Sequence[Region], patches: tuple[int, int
     jacobian, notes = scaled_jacobians(points, tetrahedra), draft.notes
     worst = int(np.argmin(jacobian))
     if jacobian[worst] < LEAST_QUALITY:
-        place = "R {:.1f}, A {:.1f}, S {:.1f} mm".format(*points[tetrahedra[worst, :4]].mean(axis=0))
-        notes += (
-            f"The worst element, at {place}, has a scaled Jacobian of {jacobian[worst]:.3f}; {LEAST_QUALITY:g} or more "
-            "is good. Look for a crease of the surface there, or choose another element size.",
-        )
+        place = dict(zip("ras", points[tetrahedra[worst, :4]].mean(axis=0).tolist()))
+        shape = {"jacobian": float(jacobian[worst]), "good": LEAST_QUALITY}
+        notes += (Diagnostic("poor_element", {**place, **shape}),)
     return TetrahedralMesh(points, tetrahedra, groups, triangles, triangle_groups, draft.exact, notes)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..export.step import Solid, step_text, validate_solids
 from ..geometry.surface import BSplineSurface
+from ..messages import Diagnostic
 from .process import MeshingError
 from .sizes import SizeField, size_field
 from .wall import offset_surface
@@ -235,10 +236,10 @@ def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping]) -> dic
     return kept
 
 
-def claimed_twice(regions: Sequence[Region], measured: Sequence[Mapping]) -> list[str]:
-    """Sentences about the overlaps that were resolved."""
+def claimed_twice(regions: Sequence[Region], measured: Sequence[Mapping]) -> list[Diagnostic]:
+    """Tell of the overlaps that were resolved."""
     return [
-        f"{region.name} and {other} overlap by {lost:.3g} mm3; this belongs to {other}."
+        Diagnostic("overlap_resolved", {"first": region.name, "second": other, "volume_mm3": float(lost)})
         for region, volume in zip(regions, measured)
         for other, lost in _given(volume).items()
     ]

@@ -14,6 +14,7 @@ from ..analysis.mirrored import mirrored
 from ..analysis.references import ReadReference
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
+from ..messages import Diagnostic
 from ..registration.organ import OrganFit
 
 TOLERANCES = (0.5, 1.0, 2.0)
@@ -73,22 +74,20 @@ class ComparedOrgan:
         return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
 
     @property
-    def warnings(self) -> list[str]:
-        """What should be looked at before the numbers are used, a sentence each."""
-        found = list(self.read.notes)
+    def diagnostics(self) -> list[Diagnostic]:
+        """What should be looked at before the numbers are used."""
+        found, values = list(self.read.diagnostics), {"reference": self.against, "dice": self.comparison.volume_dice}
         sides, dice = self.mirrored
         if sides:
-            found.append(
-                f"fits {self.against} better with {sides} exchanged (volume Dice {dice:.2f} instead of "
-                f"{self.comparison.volume_dice:.2f}); one of the two is mirrored, or in another frame (LPS or RAS)"
-            )
+            found.append(Diagnostic("reference_mirrored", {**values, "sides": sides, "mirrored_dice": dice}))
         elif self.comparison.volume_dice < _DOUBTFUL_DICE:
-            found.append(
-                f"has {'little' if self.comparison.volume_dice else 'no'} volume in common with {self.against}; check "
-                "that both are of one organ in one image"
-                + (", and the frame of the mesh (LPS or RAS, mm)" if self.read.kind == "mesh" else "")
-            )
+            found.append(Diagnostic("little_in_common", values))
         return found
+
+    @property
+    def warnings(self) -> list[str]:
+        """The same in sentences, after those about the reference's file."""
+        return [*self.read.notes, *(found.sentence() for found in self.diagnostics)]
 
     @cached_property
     def mirrored(self) -> tuple[str, float]:
