@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 
 from .. import __version__
 from ..file_names import folder_name, organ_name
-from ..registration.options import OPTIONS, FitOptions, Option
+from ..registration.option import Option
+from ..registration.options import OPTIONS, FitOptions
 from . import (
     PROGRAM,
     commands,
