@@ -7,8 +7,7 @@ import hashlib
 
 import numpy as np
 
-from VICRegistrationLib.registration import automatic, organ
-from VICRegistrationLib.registration.finer_nets import fit_finer
+from VICRegistrationLib.registration import finer_nets, organ, refit
 from VICRegistrationLib.segmentation import separation
 
 # Results by the digest of the arguments.
@@ -17,20 +16,14 @@ _results = {}
 
 def without_finer_nets(monkeypatch):
     """Keep the first net where none is asked for: to try finer ones takes most of a fit's time."""
-
-    def first_net_only(plan, found, options, anchor, wanted):
-        if wanted is not None:
-            return (yield from fit_finer(plan, found, options, anchor, wanted))
-        return found, (), []
-
-    monkeypatch.setattr(automatic, "fit_finer", first_net_only)
+    monkeypatch.setattr(finer_nets, "MOST_HALVINGS", 0)
 
 
 def cache(monkeypatch):
     """Keep the results of separations and fits; a fit that was cancelled or failed is not kept."""
     monkeypatch.setattr(separation, "separate", _cached(separation.separate))
-    for name in ("fit_region", "refit"):
-        monkeypatch.setattr(organ, name, _cached_steps(getattr(organ, name)))
+    for module, name in ((organ, "fit_region"), (refit, "refit")):
+        monkeypatch.setattr(module, name, _cached_steps(getattr(module, name)))
 
 
 def _cached(function):

@@ -12,7 +12,8 @@ from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import dilate
 from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.registration import automatic
+from VICRegistrationLib.registration import organ as organ_module
+from VICRegistrationLib.registration.choices import Choice
 from VICRegistrationLib.registration.organ import finish, fit_region
 from VICRegistrationLib.registration.region_image import region_image
 from VICRegistrationLib.registration.region_surface import closed_surface
@@ -58,17 +59,17 @@ def test_a_fit_that_would_end_folded_ends_with_it_and_says_so(hook, monkeypatch)
     mask = dilate(hook, np.eye(3), 1.0)
     image = image_of(mask)
 
-    def folded(plan, found, *_):
+    def folded(found, *_):
         net = found.surface.control_net.copy()
         net[2:4] = 3.0 * net[2:4].mean(axis=(0, 1)) - 2.0 * net[2:4]
         wrong = BSplineSurface(found.surface.degrees, found.surface.knots_u, found.surface.knots_v, net)
         step = replace(found, surface=wrong)
         yield step
-        return step, (), []
+        return step, (Choice("net", "9x7", ()),)
 
-    monkeypatch.setattr(automatic, "fit_finer", folded)
+    monkeypatch.setattr(organ_module, "fit_finer", folded)
     fit = finish(fit_region(image, region_from_mask(image, mask)))
     assert fit.problems == ()
     assert fit.history[-1].stage == "closed surface of the region kept"
-    held = [choice for choice in fit.choices if choice.option == "hold"][-1]
+    held = [choice for choice in fit.choices if choice.option == "drift limit"][-1]
     assert [reason.code for reason in held.reasons] == ["no_valid_solid", "surface_kept"]

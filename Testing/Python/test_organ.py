@@ -96,6 +96,14 @@ def test_a_segmentation_may_take_the_place_of_the_seeds(image, fit):
     assert apart(found.surface, fit.surface) < 0.02
 
 
+def test_the_region_of_a_leak_is_not_taken_for_the_organ(image):
+    # A bridge as wide as the organ into tissue as bright: what the seed sees tells how large the organ is.
+    leaky = image.array.copy()
+    leaky[:, :6, :] = 800
+    region = separate(Image(leaky, image.ijk_to_ras), CENTER)
+    assert region.volume_ml == pytest.approx(ellipsoid().volume() / 1000.0, rel=0.1)
+
+
 def test_a_rough_segmentation_is_drawn_to_the_edge(image):
     region = separate(image, SEED)
     mask = np.zeros(image.array.shape, dtype=bool)

@@ -21,7 +21,7 @@ from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.messages import Diagnostic
-from VICRegistrationLib.registration.automatic import Choice
+from VICRegistrationLib.registration.choices import Choice
 from VICRegistrationLib.registration.organ import finish, fit_organ
 from VICRegistrationLib.report.contents import ReportedOrgan, Source, compared_organ
 from VICRegistrationLib.report.page import orientation_text, report_html, volume_text

@@ -69,7 +69,7 @@ def report(*, quick: bool) -> str:
         for start in ("automatic", "ellipsoid"):
             fit = finish(fit_region(tube.image, region, FitOptions(model=start)))
             errors = tube.errors(fit.surface)
-            held = [choice.value for choice in fit.choices if choice.option == "hold"]
+            held = [choice.value for choice in fit.choices if choice.option == "drift limit"]
             problems = ", ".join(problem.kind for problem in fit.problems) or "none"
             sizes = [f"{errors.mean():.2f}", f"{errors.max():.1f}"]
             rows.append([f"{degrees}°", start, *sizes, problems, "{}x{}".format(*fit.options.net), *(held or ["-"])])

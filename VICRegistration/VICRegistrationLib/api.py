@@ -13,6 +13,7 @@ from .geometry.surface import BSplineSurface
 from .imaging.image import Image
 from .imaging.region import Region
 from .registration import organ
+from .registration import refit as refitting
 from .registration.options import FitOptions
 from .registration.organ import OrganFit, finish
 from .registration.stages import Step
@@ -164,7 +165,7 @@ def refit(
     >>> bool(abs(closest_points(corrected.surface, point).distances[0]) < 0.2)
     True
     """
-    steps = organ.refit(image, surface, _options(options, choices), boundary_points=boundary_points, region=region)
+    steps = refitting.refit(image, surface, _options(options, choices), boundary_points=boundary_points, region=region)
     return finish(steps, on_step)
 
 

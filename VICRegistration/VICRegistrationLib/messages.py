@@ -57,7 +57,7 @@ SENTENCES = {
     "no_valid_solid": _("The surface was no valid solid ({kind})."),
     "left_surroundings": _("The surface left the surroundings of the region."),
     "far_from_region": _("The surface went {away_mm:.1f} mm away from the region, more than half the organ's radius."),
-    "held_tighter": _("So it was fitted again, with the net {net}, and held {factor:g} times tighter to the region."),
+    "held_closer": _("So it was fitted again, with the net {net}, and held {factor:g} times closer to the region."),
     "surface_kept": _("However tightly it was held to the region; so the {kept} was kept, with the net {net}."),
     # Why an option is what it is.
     "option_given": _("It was given."),
@@ -77,8 +77,8 @@ SENTENCES = {
     ),
     "finer_net_raised_cost": _("With the net {net} the cost rose by {change:.1%}; noise explains {explained:.1%}."),
     "finer_net_not_tried": _(
-        "The net {net} promised to lower the cost by {promised:.1%}, of which noise explains {explained:.1%}; it was "
-        "not tried."
+        "The net {net} was expected to lower the cost by {expected:.1%}, of which noise explains {explained:.1%}; it "
+        "was not tried."
     ),
     "made_finer": _("It was made finer, from {net}, for the boundary points."),
     # A fit.

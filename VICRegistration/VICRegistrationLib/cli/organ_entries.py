@@ -19,7 +19,7 @@ from ..imaging.image import Image
 from ..imaging.region import Region, region_from_crop
 from ..messages import Diagnostic
 from ..registration.boundary import boundary_deviations
-from ..registration.choosing import Choice
+from ..registration.choices import Choice
 from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text
 from ..registration.options import FitOptions

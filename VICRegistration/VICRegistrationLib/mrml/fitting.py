@@ -94,7 +94,7 @@ def refitSteps(organ, volumeNode):
     ValueError
         If the organ has no surface yet, or as :func:`fitSteps`.
     """
-    from ..registration.organ import refit
+    from ..registration.refit import refit
 
     with _Bookkeeping(organ, volumeNode) as book:
         if organ.surface is None:

@@ -16,13 +16,12 @@ from scipy import ndimage
 
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, patient_side
-from ..imaging.sampling import Sampler
 from .banded import BandedMatrix
 from .cost import Correlation
 from .nets import sampled
 from .options import FitOptions
-from .plan import crop_around, grey_level_stages, levels_beside
 from .sample_grid import SampledSurface
+from .schedule import Schedule
 from .stages import Stage
 
 # Standard deviation of a surface before the image was looked at, mm: about as far as a fit goes.
@@ -127,13 +126,11 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     sliding, and a prior of 3 mm for each patch of the net. Calibrated on noisy phantoms, see the README; it holds for
     real images as far as they are like those.
     """
-    voxel = image.ijk_to_ras[:3, :3]
-    sampler = Sampler(crop_around(image, surface.control_net.reshape(-1, 3), 4.0 * options.tau))
-    inside, outside = levels_beside(surface, sampler, options)
-    if inside == outside:
+    schedule = Schedule.around(image, surface, options)
+    if schedule.inside == schedule.outside:
         # The estimates along the surface will tell that there is no edge: they only need to know a brighter side.
-        outside = inside - 1e-6 * (abs(inside) or 1.0)
-    _, stage = grey_level_stages(sampler, inside, outside, voxel, options)
+        schedule = replace(schedule, outside=schedule.inside - 1e-6 * (abs(schedule.inside) or 1.0))
+    stage = schedule.fine
     seen = stage.correlation(sampled(surface, options.closure))
     shape = seen.surface.grid.shape
     support = _without_edges_elsewhere(_support(seen), shape)
@@ -141,7 +138,7 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     variance = _smoothed(support.variance, support, shape)
     pixel = float(np.min(image.spacing))
     # A voxel is one independent number, whatever the number of samples in it.
-    lines = areas / (abs(np.linalg.det(voxel)) / pixel)
+    lines = areas / (abs(np.linalg.det(image.ijk_to_ras[:3, :3])) / pixel)
     information = lines * support.weight * support.slope / variance
     scale = float(np.sum(lines) * np.mean(1.0 / variance))
     precision = _precision(seen, support, information, stage, scale)

@@ -1,6 +1,13 @@
-"""How far a surface may go from the separated region, for images that show no edge; and how far the region from it."""
+"""How far a surface may go from the separated region, for images that show no edge; and how far the region from it.
+
+A surface that has folded, or has gone beyond the limit, is refused: it is fitted again, held closer to the region, and
+in the end the region's own surface is kept. No fit ends with a surface that is no valid solid.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -11,26 +18,32 @@ from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import patient_side
 from ..imaging.region import Region
-from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
+from .choices import Choice
+from .nets import net_of, net_text, sampled_net
+from .region_image import RegionImage
+from .region_surface import closed_surface
+from .sample_grid import SampledSurface
+from .schedule import Schedule
+from .stages import Step, last_step
 
-# Share of the radius of a ball of the region's volume.
-_LEASH = 0.5
+# Largest drift, as a share of the radius of a ball of the region's volume.
+_LARGEST_DRIFT = 0.5
 _SAMPLES = (32, 20)
-# Of the surface, where the region is held against it.
+# Of the surface, where the region is compared with it.
 _DENSE_SAMPLES = (64, 48)
+# How much closer to the region a surface is held that has been refused.
+_CLOSER = (10.0, 100.0)
 
 
-def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> Diagnostic | None:
+def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
     """Tell whether a surface has folded or has gone too far from the separated region.
 
     Parameters
     ----------
     surface : BSplineSurface
-    distance : Sampler
-        Signed distance from the region's boundary, mm, in the surface's frame.
-    volume : float
-        Of the region, mm^3.
+        In the frame of the region's image.
+    region : RegionImage
 
     Returns
     -------
@@ -40,13 +53,98 @@ def astray(surface: BSplineSurface, distance: Sampler, volume: float) -> Diagnos
     problems = check_surface(surface)
     if problems:
         return Diagnostic("no_valid_solid", {"kind": problems[0].kind})
-    values, seen = distance.values(surface.points(*surface.midpoints(*_SAMPLES)))
+    values, seen = region.sampler.values(surface.points(*surface.midpoints(*_SAMPLES)))
     if not seen.all():
         return Diagnostic("left_surroundings")
     away = float(np.abs(values).max())
-    if away > _LEASH * ball_radius(volume):
+    if away > _LARGEST_DRIFT * ball_radius(region.volume):
         return Diagnostic("far_from_region", {"away_mm": away})
     return None
+
+
+def within_drift_limit(
+    found: Step, schedule: Schedule, space: SampledSurface, *, on_region: Step, fallback: Step, called: str
+) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
+    """Keep a surface that is in its place; otherwise fit the grey levels again, held closer to the region.
+
+    Parameters
+    ----------
+    found : Step
+        The surface as it was fitted.
+    schedule : Schedule
+        By which it was fitted.
+    space : SampledSurface
+        Of its net.
+    on_region : Step
+        Surface of the region, from which to fit again, and which is kept if the image holds none.
+    fallback : Step
+        A surface to keep if not even that of the region is a valid one in its place.
+    called : str
+        What that is called.
+
+    Yields
+    ------
+    Step
+
+    Returns
+    -------
+    step : Step
+    choices : tuple of Choice
+        What was done, and why; none for a surface in its place.
+    """
+    lost = drift(found.surface, schedule.region)
+    if lost is None:
+        return found, ()
+    net = net_text(net_of(found.surface, schedule.options.closure))
+    for factor in _CLOSER:
+        step, closer = on_region, schedule.closer(factor)
+        for stage in (closer.coarse, closer.fine):
+            # Stages are told apart by their names, and surfaces of more than one net may be refused.
+            name = f"{stage.name}, {net}, held {factor:g} times closer"
+            step = yield from last_step(replace(stage, name=name), space.at(step.surface))
+        if drift(step.surface, schedule.region) is None:
+            done = Diagnostic("held_closer", {"net": net, "factor": factor})
+            return step, (Choice("drift limit", f"{factor:g} times closer", (lost, done)),)
+    valid = drift(on_region.surface, schedule.region) is None
+    what, kept = ("surface of the region", on_region) if valid else (called, fallback)
+    kept = replace(kept, stage=f"{what} kept, {net}", iteration=1, displacement=0.0)
+    yield kept
+    done = Diagnostic("surface_kept", {"net": net, "kept": what})
+    return kept, (Choice("drift limit", f"{what} kept", (lost, done)),)
+
+
+def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
+    """Keep a surface that is a valid solid; otherwise take the region's own closed surface, with the first net.
+
+    Parameters
+    ----------
+    found : Step
+    schedule : Schedule
+        By which it was fitted, with the first net.
+
+    Yields
+    ------
+    Step
+
+    Returns
+    -------
+    step : Step
+    choices : tuple of Choice
+        What was done, and why; none for a valid surface.
+    """
+    problems = check_surface(found.surface)
+    if not problems:
+        return found, ()
+    net, closure = schedule.options.net, schedule.options.closure
+    surface = closed_surface(schedule.region.distance, net, closure)
+    cost = schedule.fine.correlation(sampled_net(net, closure).at(surface)).cost_of(surface)
+    step = Step("closed surface of the region kept", 1, cost, 0.0, surface, "displacement")
+    yield step
+    reasons = (
+        Diagnostic("no_valid_solid", {"kind": problems[0].kind}),
+        Diagnostic("surface_kept", {"net": net_text(net), "kept": "closed surface of the region"}),
+    )
+    return step, (Choice("drift limit", step.stage, reasons),)
 
 
 def left_out(surface: BSplineSurface, region: Region) -> tuple[float, str]:

@@ -1,7 +1,13 @@
-"""The organ recipe: from a separated region to one B-spline surface fitted to the grey levels.
+"""How an organ is fitted: separated, placed, scaled globally, registered locally.
 
-Generic model placed by moments -> global scaling -> local registration on the region -> local registration on the grey
-levels. Last, boundary points pull it where a doctor knows better.
+1. *Separate* the organ: a region of voxels around the seeds.
+2. *Place* a generic model by the region's centre, principal axes and moments.
+3. *Scale* it globally, on the distance image of the region.
+4. *Register* it locally: on the region, then on the grey levels, coarse and fine. Between these two, the width of the
+   edge and the noise are measured, and the profile and the weights of the energies chosen by them.
+5. Again with *finer nets*, while the image is worth them.
+6. *Refuse* a surface that has folded or gone too far: it is fitted again, held closer to the region.
+7. Last, *boundary points* pull it where a doctor knows better.
 
 Everything but that happens in the frame of the organ's principal axes, so that the result depends neither on how the
 volume lies in the world nor on the order of its axes in memory.
@@ -17,29 +23,26 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry.models import generic_model
+from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image, as_image
-from ..imaging.moments import Moments, moments
+from ..imaging.moments import moments
 from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..segmentation.checks import check_scale
 from ..segmentation.separation import separate
-from .automatic import fit_in_frame, placed
 from .boundary import checked_boundary_points
-from .choosing import Choice
+from .choices import Choice, choose_by
 from .confidence import Confidence, confidence_of
 from .correction import correct
-from .drift_limit import left_out
-from .finer_nets import first_net
-from .nets import closure_of, net_of, net_text
-from .options import MAX_ITERATIONS, TAU_PIXELS, FitOptions
-from .plan import Plan, surface_stages
-from .refitting import fit_again, looked_at
-from .stages import Step
-
-# Least width of an edge that is looked for, in voxels.
-_LEAST_TAU = 0.1
+from .drift_limit import left_out, valid_at_last, within_drift_limit
+from .finer_nets import first_net, fit_finer
+from .nets import net_of, net_text, sampled_net
+from .options import FitOptions
+from .sample_grid import SampledSurface
+from .schedule import Schedule, frame_of
+from .stages import Step, last_step
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +54,15 @@ class OrganFit:
     surface : BSplineSurface
         RAS mm, outward normals.
     region : Region or None
-        The separated region it started from; None after :func:`refit` without one.
+        The separated region it started from; None after :func:`.refit.refit` without one.
     history : tuple of Step
         All iterations.
     converged : bool
         Whether the last stage on the grey levels met its stop rule, and that of the boundary points if there were any.
     cost_initial, cost_final : float
-        Cost of the generic model as placed (of the given surface after :func:`refit`), seen with the levels of the last
-        stage on the grey levels, and of the last step: mean squared residual in units of the contrast between inside
-        and outside.
+        Cost of the generic model as placed (of the given surface after :func:`.refit.refit`), seen with the levels of
+        the last stage on the grey levels, and of the last step: mean squared residual in units of the contrast between
+        inside and outside.
     seconds : float
         Time from the separated region or the given surface to the surface.
     options : FitOptions
@@ -195,53 +198,111 @@ def fit_region(
         If the volume is not given in mm, the region is too thin for a surface or does not lie on the image's grid, or a
         boundary point is not finite or more than 30 mm away from the fitted surface.
     """
-    start, image = time.perf_counter(), as_image(image)
+    start, image, options = time.perf_counter(), as_image(image), options or FitOptions()
     check_scale(image)
-    _check_grid(image, region)
     points = checked_boundary_points(boundary_points)
-    options = _resolved(options or FitOptions(), region)
     pose = moments(region)
-    _check_tau(options.tau, image)
-    _check_thickness(pose, options.tau or TAU_PIXELS * float(min(image.spacing)))
-    local_to_ras = np.eye(4)
-    local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
-    plan = Plan.of(image, region, local_to_ras, options)
+    schedule = Schedule.of_region(image, region, pose, options.filled_in(threshold=region.threshold))
     net = first_net(options.net, options.closure)
-    model = generic_model(options.model, plan.target.shape(pose.extents), net, options.closure)
+    model = generic_model(options.model, schedule.region.shape(pose.extents), net, options.closure)
     history: list[Step] = []
-    steps = fit_in_frame(plan, model, options)
-    outcome = yield from placed(steps, lambda surface: surface.transformed(local_to_ras), history)
-    uncorrected = history[-1].surface
-    corrected = yield from _corrected(image, uncorrected, points, outcome.options)
-    return _result(image, uncorrected, history, corrected, points, outcome, region=region, start=start)
+    outcome = yield from recorded(_register(model, schedule, options), history, local_to_ras=frame_of(pose))
+    return (yield from completed(image, history, outcome, points, region=region, start=start))
 
 
-def refit(
-    image: Image,
-    surface: BSplineSurface,
-    options: FitOptions | None = None,
-    *,
-    boundary_points: np.ndarray | None = None,
-    region: Region | None = None,
-) -> Generator[Step, None, OrganFit]:
-    """Fit a surface again that is there already, step by step.
-
-    Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
-    already, see :func:`.refitting.fit_again`. With boundary points, they pull the surface in their surroundings, see
-    :mod:`.correction`, and everything else stays where it is: what earlier points did too. To take a point back, start
-    from `OrganFit.uncorrected` with those that are left.
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a fit has come to, beside the surface of its last step.
 
     Parameters
     ----------
-    image : Image or path
-        The grey levels.
-    surface : BSplineSurface
-        A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options.
-    options : FitOptions, optional
-    boundary_points : (n, 3) array_like, optional
-        Where the wall is known to be, RAS mm.
-    region : Region, optional
-        What the surface was fitted to before; it is only handed on.
+    options : FitOptions
+        With everything filled in.
+    choices : tuple of Choice
+    cost_initial : float
+        Cost of the generic model, or of the surface that is fitted again, seen with the levels of the last stage.
+    """
+
+    options: FitOptions
+    choices: tuple[Choice, ...]
+    cost_initial: float
+
+
+def _register(model: BSplineSurface, schedule: Schedule, options: FitOptions) -> Generator[Step, None, Outcome]:
+    """Register a generic model, step by step, in the organ's frame."""
+    first = net_of(model, options.closure)
+    space = sampled_net(first, options.closure)
+    scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
+    scaled = yield from last_step(schedule.scaling, scaling)
+    on_region = yield from last_step(schedule.on_region, space.at(scaled.surface))
+    coarse = yield from last_step(schedule.coarse, space.at(on_region.surface))
+    schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
+    fine = yield from last_step(schedule.fine, space.at(coarse.surface))
+    found, limited = yield from within_drift_limit(
+        fine, schedule, space, on_region=on_region, fallback=scaled, called="scaled model"
+    )
+    found, (chosen_net, *more) = yield from fit_finer(found, schedule, options.net)
+    found, resort = yield from valid_at_last(found, schedule)
+    net = net_of(found.surface, options.closure)
+    choices = (replace(chosen_net, value=net_text(net)), *choices, *limited, *more, *resort)
+    cost = _cost_of_model(model, found.surface, schedule)
+    return Outcome(schedule.options.filled_in(net=net), choices, cost)
+
+
+def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Schedule) -> float:
+    """Cost of the generic model with the levels along the surface that was found; its net becomes as fine."""
+    closure, halvings = schedule.options.closure, 0
+    while model.control_net.shape != found.control_net.shape:
+        model, halvings = model.refined(), halvings + 1
+    space = sampled_net(schedule.options.net, closure, halvings)
+    return schedule.fine.correlation(space.at(found)).cost_of(model)
+
+
+def recorded(
+    steps: Generator[Step, None, Outcome], history: list[Step], *, local_to_ras: np.ndarray | None = None
+) -> Generator[Step, None, Outcome]:
+    """Add all steps to a history, with their surfaces in RAS mm; returns what the steps return."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            return end.value
+        if local_to_ras is not None:
+            step = replace(step, surface=step.surface.transformed(local_to_ras))
+        history.append(step)
+        yield step
+
+
+def pulling(points: np.ndarray, options: FitOptions) -> np.ndarray:
+    """Boundary points that count: none if their weight is 0."""
+    return points if options.boundary_weight > 0.0 else points[:0]
+
+
+def completed(
+    image: Image,
+    history: list[Step],
+    outcome: Outcome,
+    points: np.ndarray,
+    *,
+    region: Region | None,
+    start: float,
+    surface: BSplineSurface | None = None,
+) -> Generator[Step, None, OrganFit]:
+    """Let boundary points pull what was found, and put together what came out.
+
+    Parameters
+    ----------
+    image : Image
+    history : list of Step
+        So far.
+    outcome : Outcome
+    points : (n, 3) ndarray
+        Boundary points, RAS mm.
+    region : Region or None
+    start : float
+        When the fit began, in seconds of :func:`time.perf_counter`.
+    surface : BSplineSurface, optional
+        What the points pull, where no step led to it.
 
     Yields
     ------
@@ -250,63 +311,20 @@ def refit(
     Returns
     -------
     OrganFit
-
-    Raises
-    ------
-    ValueError
-        If the surface is no closed organ or lies outside of the volume, or a boundary point is not finite or more than
-        30 mm away from the surface.
     """
-    start, image = time.perf_counter(), as_image(image)
-    points = checked_boundary_points(boundary_points)
-    closure = closure_of(surface)
-    options = (options or FitOptions()).filled_in(closure=closure, net=net_of(surface, closure))
-    options = _resolved(options, region)
-    history: list[Step] = []
-    if _count(points, options):
-        outcome = looked_at(image, surface, options)
-    else:
-        outcome = yield from placed(fit_again(image, surface, options), lambda found: found, history)
-    reached = history[-1].surface if history else surface
-    corrected = yield from _corrected(image, reached, points, outcome.options)
-    return _result(image, reached, history, corrected, points, outcome, region=region, start=start)
-
-
-def _count(points: np.ndarray, options: FitOptions) -> bool:
-    """Whether there are boundary points that count."""
-    return len(points) > 0 and options.boundary_weight > 0.0
-
-
-def _corrected(
-    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions
-) -> Generator[Step, None, list[Step]]:
-    """Pull a surface to the boundary points, if there are any that count; returns the steps."""
-    if not _count(points, options):
-        return []
-    *_, stage = surface_stages(image, surface, points, options)
-    steps = []
-    for step in correct(surface, points, stage, closure=options.closure, weight=options.boundary_weight):
-        steps.append(step)
-        yield step
-    return steps
-
-
-def _result(image, uncorrected, history, correction, points, outcome, *, region, start) -> OrganFit:
-    """Put together what came out."""
     options, choices = outcome.options, outcome.choices
+    uncorrected = history[-1].surface if surface is None else surface
+    points, correction = pulling(points, options), []
+    if len(points):
+        stage = Schedule.around(image, uncorrected, options, points=points).to_boundary_points
+        steps = correct(uncorrected, points, stage, closure=options.closure, weight=options.boundary_weight)
+        yield from recorded(steps, correction)
     steps = (*history, *correction)
-    surface = steps[-1].surface
-    net = net_of(surface, options.closure)
+    net = net_of(steps[-1].surface, options.closure)
     if net != net_of(uncorrected, options.closure):
-        size = net_text(net)
-        choices = tuple(
-            replace(choice, value=size, reasons=(*choice.reasons, Diagnostic("made_finer", {"net": choice.value})))
-            if choice.option == "net"
-            else choice
-            for choice in choices
-        )
+        choices = tuple(_made_finer(choice, net) if choice.option == "net" else choice for choice in choices)
     return OrganFit(
-        surface=surface,
+        surface=steps[-1].surface,
         region=region,
         history=steps,
         converged=all(part[-1].converged for part in (history, correction) if part),
@@ -314,54 +332,17 @@ def _result(image, uncorrected, history, correction, points, outcome, *, region,
         cost_final=steps[-1].cost,
         seconds=time.perf_counter() - start,
         options=options.filled_in(net=net),
-        boundary_points=points if _count(points, options) else points[:0],
+        boundary_points=points,
         uncorrected=uncorrected,
         choices=choices,
         image=image,
     )
 
 
-def _check_grid(image: Image, region: Region) -> None:
-    """Refuse a region that was cut from another image."""
-    first = image.to_ras(np.array([region.offset[::-1]], dtype=float))[0]
-    fits = np.all(np.asarray(region.offset) + region.mask.shape <= image.array.shape)
-    same = np.allclose(first, region.ijk_to_ras[:3, 3], atol=1e-3) and np.allclose(
-        image.ijk_to_ras[:3, :3], region.ijk_to_ras[:3, :3], atol=1e-5
-    )
-    if not (fits and same):
-        msg = "The region does not lie on the image's grid; separate the organ in this image, or resample its mask."
-        raise ValueError(msg)
-
-
-def _check_tau(tau: float | None, image: Image) -> None:
-    """Refuse an edge that is much sharper than any image."""
-    pixel = float(min(image.spacing))
-    if tau is not None and tau < _LEAST_TAU * pixel:
-        msg = (
-            f"A tau of {tau:g} mm was given, and voxels are {pixel:.3g} mm: no image shows an edge as sharp. Give two "
-            "to three voxels, or leave it to be chosen."
-        )
-        raise ValueError(msg)
-
-
-def _check_thickness(pose: Moments, tau: float) -> None:
-    """Refuse an organ thinner than the edge that is looked for."""
-    # Half of the shortest axis of the ellipsoid with the region's moments.
-    half_thickness = np.sqrt(5.0) * float(pose.extents.min())
-    if half_thickness < tau:
-        msg = (
-            f"The region is about {2.0 * half_thickness:.2g} mm thick; an edge of {tau:.2g} mm is sought on "
-            "each side. Check the thresholds and the erosion, or take a finer image or a smaller tau."
-        )
-        raise ValueError(msg)
-
-
-def _resolved(options: FitOptions, region: Region | None) -> FitOptions:
-    """Fill in the automatic choices that need no look at the image."""
-    return options.filled_in(
-        threshold=options.threshold if region is None else region.threshold,
-        max_iterations=options.max_iterations or MAX_ITERATIONS[options.solver],
-    )
+def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:
+    """Tell that boundary points needed a finer net than the one that was chosen."""
+    reason = Diagnostic("made_finer", {"net": choice.value})
+    return replace(choice, value=net_text(net), reasons=(*choice.reasons, reason))
 
 
 def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None) -> OrganFit:
@@ -370,7 +351,7 @@ def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None)
     Parameters
     ----------
     steps : generator
-        From :func:`fit_organ`, :func:`fit_region` or :func:`refit`.
+        From :func:`fit_organ`, :func:`fit_region` or :func:`.refit.refit`.
     on_step : callable, optional
         Called with every :class:`Step`.
 

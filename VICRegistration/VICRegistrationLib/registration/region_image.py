@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +36,12 @@ class RegionImage:
     distance: Image
     extent: float
 
-    @property
+    @cached_property
+    def sampler(self) -> Sampler:
+        """The distances as an image to be compared with."""
+        return Sampler(self.distance)
+
+    @cached_property
     def volume(self) -> float:
         """Volume of the region, mm^3."""
         return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume
@@ -46,7 +52,7 @@ class RegionImage:
 
     def _distances(self, points: np.ndarray) -> np.ndarray:
         """Distances at points (n, 3); what lies outside of the image is as far as its rim."""
-        values, seen = Sampler(self.distance).values(points)
+        values, seen = self.sampler.values(points)
         return np.where(seen, values, self.distance.array.max())
 
 
