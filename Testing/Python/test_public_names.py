@@ -31,7 +31,7 @@ def fit(image):
     return vic.fit(image, CENTER, net=(9, 7))
 
 
-@pytest.mark.parametrize("name", sorted({*vic.__all__} - {"FitOptions"}))
+@pytest.mark.parametrize("name", vic.__all__)
 def test_examples_of_a_public_name_run(name):
     tests = [test for test in doctest.DocTestFinder().find(getattr(vic, name), name, globs={}) if test.examples]
     runner = doctest.DocTestRunner(verbose=False)

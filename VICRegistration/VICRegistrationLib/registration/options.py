@@ -40,6 +40,22 @@ class FitOptions:
     ------
     ValueError
         If an option has a value that it does not take, or the profile level and the grey levels do not go together.
+
+    References
+    ----------
+    .. [1] Z. Jiang et al.: Virtual image correlation of magnetic resonance images for 3D geometric modelling of pelvic
+       organs. Strain 55(3):e12305, 2019. doi:10.1111/str.12305. Its choices: :meth:`as_published`.
+
+    Examples
+    --------
+    >>> import VICRegistrationLib as vic
+    >>> vic.FitOptions(net=(17, 11)).tau is None
+    True
+    >>> vic.FitOptions.as_published().solver
+    'gradient-descent'
+    >>> vic.FitOptions(net=(3, 3))
+    Traceback (most recent call last):
+    ValueError: The control net is (3, 3); it must be two whole numbers ROWSxCOLUMNS from 5 to 65.
     """
 
     net: tuple[int, int] | None = _row(
