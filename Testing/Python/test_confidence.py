@@ -92,6 +92,17 @@ def test_where_the_edge_is_missing_nothing_is_known(capped):
     assert found.values == {"share": confidence.unsupported_share, "side": "superior"}
 
 
+def test_the_volume_is_calibrated_as_long_as_nearly_all_of_the_surface_follows_an_edge(clear, capped):
+    assert clear[1].confidence.volume_calibrated
+    assert not capped[1].confidence.volume_calibrated
+    # The samples next to a pole have little area.
+    found = clear[1].confidence
+    supports = found.supports.copy()
+    supports[:, 0] = 0.0
+    assert 0.0 < replace(found, supports=supports).unsupported_share < 0.04
+    assert replace(found, supports=supports).volume_calibrated
+
+
 def test_outside_of_the_volume_nothing_is_known():
     image = ball()
     half = image.crop((0, 0, 0), (image.array.shape[0], image.array.shape[1], 33))

@@ -43,6 +43,7 @@ class Confidence:
 
     volume_sd_ml = 0.42
     unsupported_share = 0.03
+    volume_calibrated = True
     deviations = np.array([[0.1, 0.2], [0.3, 0.5]])
     areas = np.array([[40.0, 20.0], [30.0, 10.0]])
 
@@ -219,11 +220,11 @@ def test_confidence_choices_and_deviation_are_told(parsed, full):
 
 
 def test_a_volume_has_no_standard_deviation_where_much_of_the_surface_follows_no_edge(plain, image):
-    assert volume_text(131.96, SimpleNamespace(unsupported_share=0.0, volume_sd_ml=0.632)) == "132.0 ± 0.6 ml"
-    assert volume_text(1.234, SimpleNamespace(unsupported_share=0.0, volume_sd_ml=0.043)) == "1.23 ± 0.04 ml"
-    assert volume_text(131.96, SimpleNamespace(unsupported_share=0.05, volume_sd_ml=3.2)) == "132.0 ml"
+    assert volume_text(131.96, SimpleNamespace(volume_calibrated=True, volume_sd_ml=0.632)) == "132.0 ± 0.6 ml"
+    assert volume_text(1.234, SimpleNamespace(volume_calibrated=True, volume_sd_ml=0.043)) == "1.23 ± 0.04 ml"
+    assert volume_text(131.96, SimpleNamespace(volume_calibrated=False, volume_sd_ml=3.2)) == "132.0 ml"
     unsure = Confidence()
-    unsure.unsupported_share = 0.05
+    unsure.volume_calibrated = False
     fit = SimpleNamespace(**{**vars(plain.fit), "problems": (), "iterations": 3, "confidence": unsure})
     text = Page(page_of([dataclasses.replace(plain, fit=fit)], image)).text
     assert "±" not in text

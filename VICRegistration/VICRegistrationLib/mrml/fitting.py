@@ -256,9 +256,9 @@ class _Bookkeeping:
             organ.showChosen(fit.options, net_of(fit.uncorrected, fit.options.closure))
             # A transform that stretches the organ stretches its error bar.
             error = fit.confidence.volume_sd_ml * organ.volumeMl / (fit.surface.volume() / 1000.0)
-            told = _("{count} iterations, cost {cost}, {seconds} s, {volume} ± {error} ml").format(
-                volume=f"{organ.volumeMl:.1f}",
-                error=f"{error:.1f}" if error >= 0.1 else f"{error:.2f}",
+            deviation = f" ± {error:.1f}" if error >= 0.1 else f" ± {error:.2f}"
+            told = _("{count} iterations, cost {cost}, {seconds} s, {volume} ml").format(
+                volume=f"{organ.volumeMl:.1f}{deviation if fit.confidence.volume_calibrated else ''}",
                 count=fit.iterations,
                 cost=f"{fit.cost_final:.3g}",
                 seconds=f"{fit.seconds:.2f}",

@@ -24,9 +24,6 @@ _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")
 # Below it, degrees, nobody would call a stack turned.
 _STRAIGHT = 0.5
-# Of the area: with more than this without an edge, most of the volume's variance is the 3 mm that are assumed there and
-# not what was calibrated on phantoms (half of it at 3.2, 3.4 and 3.9 % of the demo's bladder, vagina and rectum).
-_MOST_WITHOUT_EDGE = 0.04
 # Letters that HTML does not allow, and halves of letters, which file names may hold and UTF-8 may not.
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
 _ENDS = {
@@ -133,7 +130,7 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
 
 
 def volume_text(volume: float, confidence: Confidence) -> str:
-    """Volume in ml, with its standard deviation where that is worth something.
+    """Volume in ml, with its standard deviation where that was calibrated.
 
     Parameters
     ----------
@@ -146,7 +143,7 @@ def volume_text(volume: float, confidence: Confidence) -> str:
     str
         Without a standard deviation where more than 4 % of the area follow no edge.
     """
-    if confidence.unsupported_share > _MOST_WITHOUT_EDGE:
+    if not confidence.volume_calibrated:
         return f"{volume:.1f} ml"
     deviation = float(confidence.volume_sd_ml)
     # As many digits as the standard deviation has a use for.
@@ -165,7 +162,7 @@ def _result(organ: ReportedOrgan) -> list[tuple[str, str]]:
     volume = volume_text(fit.surface.volume() / 1000.0, confidence)
     about = (
         "one standard deviation, calibrated on phantoms"
-        if "±" in volume
+        if confidence.volume_calibrated
         else "without a standard deviation, as much of the surface follows no edge"
     )
     rows = [("Volume", f"{volume} ({about})")]
