@@ -8,7 +8,7 @@ from scipy import sparse
 from test_confidence import RADIUS, ball
 
 from VICRegistrationLib.geometry import models
-from VICRegistrationLib.geometry.parametrization import affine, closed_organ, control_points
+from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.imaging.sampling import Sampler
@@ -33,8 +33,6 @@ PARAMETRIZATIONS = {
     "linear, paper's net": lambda: affine(organ("paper"), free="linear"),
     "four of the twelve": lambda: affine(organ(), free=("T2", "R01", "R11", "R20")),
     "affine bell": lambda: affine(models.bell(30.0)),
-    "control points of an organ": lambda: control_points(organ()),
-    "control points of the bell": lambda: control_points(models.bell(30.0)),
     "smooth organ": lambda: closed_organ(organ()),
     "paper's organ": lambda: closed_organ(organ("paper"), closure="paper"),
     "smooth organ, 11 x 8": lambda: closed_organ(organ(net=(11, 8))),

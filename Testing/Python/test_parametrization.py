@@ -13,7 +13,6 @@ from VICRegistrationLib.geometry.parametrization import (
     affine,
     affine_matrix,
     closed_organ,
-    control_points,
 )
 from VICRegistrationLib.geometry.surface import BSplineSurface
 
@@ -38,13 +37,12 @@ def every_parametrization():
         "affine": affine(organ_of("smooth")),
         "scaling": affine(organ_of("smooth"), free="scaling"),
         "mixed": affine(organ_of("smooth"), free=("T2", "R01", "R11")),
-        "control points": control_points(models.bell(50.0)),
         "smooth": closed_organ(organ_of("smooth")),
         "paper": closed_organ(organ_of("paper"), closure="paper"),
     }
 
 
-@pytest.fixture(params=["affine", "scaling", "mixed", "control points", "smooth", "paper"])
+@pytest.fixture(params=["affine", "scaling", "mixed", "smooth", "paper"])
 def parametrization(request):
     return every_parametrization()[request.param]
 

@@ -216,12 +216,6 @@ def affine_matrix(
     return matrix
 
 
-def control_points(surface: BSplineSurface) -> Parametrization:
-    """Every control point free, without any constraint: for open surfaces such as the bell's rim."""
-    n = surface.control_net.shape[0] * surface.control_net.shape[1]
-    return _same_for_all_coordinates(surface, sparse.identity(n, format="csr"))
-
-
 def closed_organ(surface: BSplineSurface, *, closure: str = "smooth") -> Parametrization:
     """Control points free as far as a closed organ stays closed and smooth.
 

@@ -84,7 +84,18 @@ def closest_points(
         raise ValueError(msg)
     if not len(points):
         return Projection(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
-    known = _Samples.of(surface, samples)
+    parameters = _closest_parameters(surface, points, _Samples.of(surface, samples), starts, max_iterations)
+    feet = surface.points(*parameters.T)
+    offset = points - feet
+    outside = np.einsum("nk,nk->n", offset, surface.normals(*parameters.T)) >= 0.0
+    distances = np.linalg.norm(offset, axis=1)
+    return Projection(parameters, feet, np.where(outside, distances, -distances))
+
+
+def _closest_parameters(
+    surface: BSplineSurface, points: np.ndarray, known: _Samples, starts: int, max_iterations: int
+) -> np.ndarray:
+    """Find the parameters of the closest points, (n, 2), from the closest sample and from further starts."""
     _, nearest = cKDTree(known.points).query(points)
     parameters, squared = _descend(surface, points, known.parameters[nearest], max_iterations)
     if starts:
@@ -94,11 +105,7 @@ def closest_points(
         order = np.argsort(-other_squared, kind="stable")
         order = order[other_squared[order] < squared[owner[order]]]
         parameters[owner[order]] = other[order]
-    feet = surface.points(*parameters.T)
-    offset = points - feet
-    outside = np.einsum("nk,nk->n", offset, surface.normals(*parameters.T)) >= 0.0
-    distances = np.linalg.norm(offset, axis=1)
-    return Projection(parameters, feet, np.where(outside, distances, -distances))
+    return parameters
 
 
 # ------------------------------------------------------------------ starts

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..surface_formats import writer_of
 from . import bspline
+
+if TYPE_CHECKING:
+    from .projection import Projection
 
 # Two control points closer than this fraction of the net's size are one point: seams and poles.
 COINCIDENCE = 1e-9
@@ -95,6 +99,37 @@ class BSplineSurface:
     def size(self) -> float:
         """Diagonal of the control net's bounding box, mm."""
         return float(np.linalg.norm(np.ptp(self.control_net.reshape(-1, 3), axis=0)))
+
+    def closest_points(self, points: np.ndarray) -> Projection:
+        """Find the closest point of the surface for each of many points.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like
+            RAS mm.
+
+        Returns
+        -------
+        Projection
+            Parameters, points and signed distances, positive outside; :func:`.projection.closest_points` takes options.
+
+        Raises
+        ------
+        ValueError
+            If the points are not (n, 3) finite numbers.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from VICRegistrationLib.geometry.models import closed_organ
+        >>> ball = closed_organ((33, 19), axes=16.0 * np.eye(3))
+        >>> ball.closest_points([[20, 0, 0], [0, 12, 0]]).distances.round(1)
+        array([ 4., -4.])
+        """
+        # It stands on surfaces, so that it cannot be imported before this class is there.
+        from .projection import closest_points
+
+        return closest_points(self, points)
 
     def save(self, path: str | os.PathLike, *, name: str = "", **choices) -> None:
         """Write the surface to a file, completely or not at all.

@@ -92,8 +92,8 @@ def within_drift_limit(
     choices : tuple of Choice
         What was done, and why; none for a surface in its place.
     """
-    lost = drift(found.surface, schedule.region)
-    if lost is None:
+    reason = drift(found.surface, schedule.region)
+    if reason is None:
         return found, ()
     net = net_text(net_of(found.surface, schedule.options.closure))
     for factor in _CLOSER:
@@ -104,13 +104,13 @@ def within_drift_limit(
             step = yield from last_step(replace(stage, name=name), space.at(step.surface))
         if drift(step.surface, schedule.region) is None:
             done = Diagnostic("held_closer", {"net": net, "factor": factor})
-            return step, (Choice("drift limit", f"{factor:g} times closer", (lost, done)),)
+            return step, (Choice("drift limit", f"{factor:g} times closer", (reason, done)),)
     valid = drift(on_region.surface, schedule.region) is None
     what, kept = ("surface of the region", on_region) if valid else (called, fallback)
     kept = replace(kept, stage=f"{what} kept, {net}", iteration=1, displacement=0.0)
     yield kept
     done = Diagnostic("surface_kept", {"net": net, "kept": what})
-    return kept, (Choice("drift limit", f"{what} kept", (lost, done)),)
+    return kept, (Choice("drift limit", f"{what} kept", (reason, done)),)
 
 
 def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:

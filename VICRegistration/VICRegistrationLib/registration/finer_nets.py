@@ -105,8 +105,8 @@ def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> 
     """Share of the cost that a fit took off, between the lines on which it was fitted."""
     shape = grid_shape(net_of(end.surface, schedule.options.closure))
     between = SampleGrid.on(end.surface, shape, between=True)
-    judge = schedule.fine.correlation(SampledSurface(space.parametrization.at(end.surface), between))
-    return 1.0 - judge.cost_of(end.surface) / judge.cost_of(start.surface)
+    correlation = schedule.fine.correlation(SampledSurface(space.parametrization.at(end.surface), between))
+    return 1.0 - correlation.cost_of(end.surface) / correlation.cost_of(start.surface)
 
 
 def _told(code: str, step: Step, closure: str, explained: float, **shares: float) -> Diagnostic:

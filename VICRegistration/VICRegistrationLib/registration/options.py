@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, fields
 
-from ..geometry.models import GENERIC_MODELS
+from ..geometry.models import GENERIC_MODELS, LARGEST_NET
 from ..messages import marked as _
 from .option import Option
 
@@ -66,7 +66,7 @@ class FitOptions:
             "row is the first one again, the first and the last column are the poles"
         ),
         _("9x7, 17x11 or 33x19, the finest that lowers the cost by more than noise explains"),
-        limits=(5, 65),
+        limits=(5, LARGEST_NET),
         whole=True,
         pair="ROWSxCOLUMNS",
     )
