@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drawn import pixels_in
+from drawn import pixels_in, pixels_of
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.analysis.references import ReadReference
@@ -223,14 +223,14 @@ def test_legends_cover_neither_curves_nor_slices(image, organ):
     long = replace(organ, fit=replace(organ.fit, history=tuple(history)))
     for figure in (pictures.organ_figure(image, long), pictures.page_figures(image, long)["convergence"]):
         plot = figure.axes[-1]
-        figure.canvas.draw()
+        pixels_of(figure)
         legend, frame = plot.get_legend().get_window_extent(), plot.get_window_extent()
         assert legend.x0 >= frame.x1
         assert legend.x1 <= figure.bbox.x1
         assert legend.y0 >= 0.0
         assert len(plot.get_legend().get_texts()) == 12
     figure = pictures.organ_figure(image, organ)
-    figure.canvas.draw()
+    pixels_of(figure)
     box = figure.axes[3].get_legend().get_window_extent()
     assert all(box.y1 <= axes.get_window_extent().y0 for axes in figure.axes[:3])
 
