@@ -9,6 +9,7 @@ import SimpleITK as sitk
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.labels import few_values, read_label
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.imaging.region import region_from_label
 
 SEGMENTS = ({"Name": "Bladder", "LabelValue": "1", "Layer": "0"}, {"Name": "rectum", "LabelValue": "4", "Layer": "0"})
 
@@ -160,3 +161,35 @@ def test_an_image_of_few_values_looks_like_a_label_map():
     grey = np.random.default_rng(0).integers(0, 256, (20, 20, 20)).astype(np.uint8)
     assert few_values(Image(grey, matrix)) == 0
     assert few_values(Image(blocks() / 8.0, matrix)) == 0
+
+
+def test_a_region_from_a_label_on_another_grid_has_its_volume():
+    k, j, i = np.indices((40, 40, 40))
+    ball = (k - 20) ** 2 + (j - 20) ** 2 + (i - 20) ** 2 < 12**2
+    turned = np.eye(4)
+    turned[:3, :3] = 1.5 * np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    label = Image((7 * ball).astype(np.uint8), turned)
+    matrix = np.diag([0.7, 0.7, 3.0, 1.0])
+    matrix[:3, 3] = label.to_ras(np.array([[20.0, 20.0, 20.0]]))[0] - [30.0, 30.0, 30.0]
+    image = Image(np.zeros((21, 87, 87)), matrix)
+    region = region_from_label(image, label)
+    assert region.volume_ml == pytest.approx(ball.sum() * 1.5**3 / 1000.0, rel=0.02)
+    assert region.touches_border == ()
+
+
+def test_a_label_on_the_same_grid_is_taken_as_it_is():
+    mask = np.zeros((10, 12, 14), dtype=np.uint8)
+    mask[2:6, 3:9, 4:12] = 1
+    image = Image(np.zeros(mask.shape), np.diag([0.5, 0.5, 2.0, 1.0]))
+    region = region_from_label(image, Image(mask, image.ijk_to_ras))
+    np.testing.assert_array_equal(region.mask[tuple(slice(1, -1) for _ in range(3))], np.ones((4, 6, 8), dtype=bool))
+
+
+def test_a_label_beside_the_image_is_refused():
+    image = Image(np.zeros((10, 10, 10)), np.eye(4))
+    far = np.eye(4)
+    far[:3, 3] = 100.0
+    with pytest.raises(ValueError, match="outside of the image"):
+        region_from_label(image, Image(np.ones((5, 5, 5)), far))
+    with pytest.raises(ValueError, match="empty"):
+        region_from_label(image, Image(np.zeros((5, 5, 5)), np.eye(4)))

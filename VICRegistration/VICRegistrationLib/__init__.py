@@ -32,6 +32,7 @@ _MODULES = {
     "read_image": "imaging.reading",
     "read_surface": "api",
     "refit": "api",
+    "region_from_label": "imaging.region",
     "region_from_mask": "imaging.region",
     "separate": "segmentation.separation",
 }

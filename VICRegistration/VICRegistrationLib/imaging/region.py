@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..messages import Diagnostic
 from .boxes import bounds
 from .image import Image, as_image
 from .morphology import fill_holes
+from .resampling import resampled
 
 _FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
 
@@ -123,6 +125,60 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
         labels, _ = ndimage.label(mask)
         mask = labels == np.bincount(labels.ravel())[1:].argmax() + 1
     return region_from_crop(image, mask, np.zeros(3, dtype=int), fill=False)
+
+
+def region_from_label(image: Image, label: Image) -> Region:
+    """Take a region from a label on any grid: the voxels of the image of which it holds at least a half.
+
+    Parameters
+    ----------
+    image : Image
+        The grey levels.
+    label : Image
+        Voxels other than zero belong to the organ, see :func:`.labels.read_label`. Its largest piece counts.
+
+    Returns
+    -------
+    Region
+        On the image's grid, with ``threshold`` None and cavities filled.
+
+    Raises
+    ------
+    ValueError
+        If the label is empty, or has no voxel in the image.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> image = vic.Image.from_array(np.zeros((10, 20, 20)), np.diag([1, 1, 3, 1]))
+    >>> label = vic.Image.from_array(np.ones((5, 5, 5)), np.diag([2, 2, 2, 1]))
+    >>> vic.region_from_label(image, label)
+    Region(0.9 ml in 11 x 11 x 5 voxels)
+    """
+    image, mask = as_image(image), label.array != 0
+    if not mask.any():
+        msg = "The label is empty; it must hold the organ's voxels. Choose another segment or label."
+        raise ValueError(msg)
+    first, last = bounds(mask)
+    corners = np.array(list(itertools.product(*zip(first[::-1] - 0.5, last[::-1] - 0.5))))
+    ends = image.to_ijk(label.to_ras(corners))[:, ::-1]
+    start = np.clip(np.floor(ends.min(axis=0)).astype(int), 0, image.array.shape)
+    stop = np.clip(np.ceil(ends.max(axis=0)).astype(int) + 1, 0, image.array.shape)
+    inside = np.zeros(np.maximum(stop - start, 0), dtype=bool)
+    if inside.size:
+        crop = image.crop(start, stop)
+        box = label.crop(np.maximum(first - 1, 0), np.minimum(last + 1, mask.shape))
+        inside = resampled(Image(box.array != 0, box.ijk_to_ras), crop.ijk_to_ras, crop.size).array >= 0.5
+    if not inside.any():
+        msg = (
+            "The label lies outside of the image, or is too thin for its voxels; choose a label of the same patient in "
+            "the same frame."
+        )
+        raise ValueError(msg)
+    pieces, _ = ndimage.label(inside)
+    largest = pieces == np.bincount(pieces.ravel())[1:].argmax() + 1
+    return region_from_crop(image, largest, start, fill=True)
 
 
 def region_from_box(image: Image, corners) -> Region:
