@@ -154,7 +154,7 @@ def region_from_label(image: Image, label: Image) -> Region:
     >>> image = vic.Image.from_array(np.zeros((10, 20, 20)), np.diag([1, 1, 3, 1]))
     >>> label = vic.Image.from_array(np.ones((5, 5, 5)), np.diag([2, 2, 2, 1]))
     >>> vic.region_from_label(image, label)
-    Region(0.9 ml in 11 x 11 x 5 voxels)
+    Region(0.729 ml in 10 x 10 x 4 voxels)
     """
     image, mask = as_image(image), label.array != 0
     if not mask.any():
