@@ -44,9 +44,9 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
         Lowest and highest grey level of the organ, the same everywhere. By default, limits that follow the signal
         along the organ, `Limits.along`; ``threshold`` of the result is what is typical of them.
     erosion : float, optional
-        Radius of the erosion in mm. Slices thicker than it are not eroded into one another. By default 2 mm,
-        or 4 or 6 mm if the region is at most 1.3 times what the rays from the
-        seeds span (`find_edges`), or less where the organ is too thin for 2 mm or would fall into pieces.
+        Radius of the erosion in mm. Slices thicker than it are not eroded into one another. By default 2 mm, or
+        the first of 4 and 6 mm at which the region is at most 1.3 times what the rays from the seeds span
+        (`find_edges`), or less where the organ is too thin for 2 mm or would fall into pieces.
     dilation : float, optional
         Radius of the dilation in mm, by default that of the erosion.
     fill : bool
