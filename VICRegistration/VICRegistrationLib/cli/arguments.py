@@ -79,6 +79,7 @@ examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
   vic-registration fit dicom_folder --organ bladder --seed -3,42,10 --threshold 600,1500 --erosion 2 --output bladder
   vic-registration fit scan.nii.gz --config organs.json --output organs
+  vic-registration fit scan.nii.gz --organ bladder --region labels.nii.gz --label 3
   vic-registration fit scan.nii.gz --config organs.json --reference labels.nii.gz --label bladder=3 --label rectum=5
 """
 
@@ -210,6 +211,11 @@ def _add_fit(subparsers) -> None:
         type=argument(validators.point),
         action="append",
         help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
+    )
+    which.add_argument(
+        "--region",
+        metavar="FILE",
+        help="label image that holds the organ, on any grid, in place of seeds; --label says which of its labels",
     )
     which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
     how = fit.add_argument_group("how (the defaults need no tuning)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..files import replacing_folder
 from ..registration.options import OPTIONS
@@ -11,7 +12,7 @@ from . import SOME_FAILED
 from .configuration import OrganRequest, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
-from .references import OrganReference, read_references, reference_paths
+from .references import OrganReference, chosen_labels, read_references, reference_paths
 
 
 def fit(options: argparse.Namespace) -> int:
@@ -34,6 +35,7 @@ def fit(options: argparse.Namespace) -> int:
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
     read = [reference.path for reference in references.values()]
+    read += [request.region for request in requests if request.region is not None]
     warn = speaker()
     failed = []
 
@@ -105,6 +107,8 @@ def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, 
     """Read what the organs are compared with, before the work."""
     if options.reference is None:
         flags = {"label": "--label", "largest": "--largest", "mesh_frame": "--reference-frame"}
+        if options.region is not None:
+            del flags["label"]
         own = [flag for word, flag in flags.items() if getattr(options, word)]
         if own:
             msg = f"{own[0]} was given without --reference; it chooses a part of the reference. Name the reference too."
@@ -124,9 +128,18 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
         if own:
             msg = f"Both --config and --{own[0]} were given; put the {own[0]} of each organ into the configuration."
             raise ValueError(msg)
-        return read_requests(options.config, defaults=chosen)
+        requests = read_requests(options.config, defaults={**chosen, "region": options.region})
+        labels = chosen_labels(options.label, [request.name for request in requests]) if options.region else {}
+        return tuple(replace(request, label=request.label or labels.get(request.name)) for request in requests)
     missing = [word for word in ("organ", "seed") if getattr(options, word) is None]
+    if options.region is not None and "seed" in missing:
+        missing.remove("seed")
     if missing:
-        msg = f"No --{missing[0]} was given; give --organ NAME and --seed R,A,S, or --config FILE for several organs."
+        msg = (
+            f"No --{missing[0]} was given; give --organ NAME and --seed R,A,S or --region FILE, or --config FILE for "
+            "several organs."
+        )
         raise ValueError(msg)
-    return (organ_request(options.organ, options.seed, boundary=options.boundary, **chosen),)
+    label = chosen_labels(options.label, [options.organ]).get(options.organ) if options.region else None
+    start = {"boundary": options.boundary, "region": options.region, "label": label}
+    return (organ_request(options.organ, options.seed or (), **start, **chosen),)

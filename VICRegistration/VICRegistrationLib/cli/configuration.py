@@ -14,8 +14,9 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
       ]
     }
 
-Keys are the words of the flags: ``organ`` and ``seed`` are needed, ``boundary`` and the options of a fit are not, see
-:mod:`..registration.options`.
+Keys are the words of the flags: ``organ`` is needed, and ``seed`` or ``region``, a label image on any grid, whose path
+is relative to the configuration; ``label`` says which of its labels. ``boundary`` and the options of a fit are not
+needed, see :mod:`..registration.options`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ SCHEMA, VERSION = "vic-registration/organs", 1
 _CHECKS = {
     "organ": organ_name,
     "seed": validators.points,
+    "region": validators.path,
+    "label": validators.label,
     "boundary": validators.points,
     **{name.replace("_", "-"): option.read for name, option in OPTIONS.items()},
 }
@@ -56,16 +59,28 @@ class OrganRequest:
     options : FitOptions
     boundary : tuple of (r, a, s)
         Points where the wall is known to be, RAS mm; may be empty.
+    region : str, optional
+        Label image that holds the organ; without it, it is separated from the seeds.
+    label : str, optional
+        Value or name of the label.
     """
 
     name: str
     seeds: tuple[tuple[float, float, float], ...]
     options: FitOptions
     boundary: tuple[tuple[float, float, float], ...] = ()
+    region: str | None = None
+    label: str | None = None
 
 
 def organ_request(
-    name: str, seeds: Sequence[Sequence[float]], *, boundary: Sequence[Sequence[float]] | None = None, **options
+    name: str,
+    seeds: Sequence[Sequence[float]],
+    *,
+    boundary: Sequence[Sequence[float]] | None = None,
+    region: str | None = None,
+    label: str | None = None,
+    **options,
 ) -> OrganRequest:
     """Make a request, and refuse options that cannot be met before an image is read.
 
@@ -76,6 +91,8 @@ def organ_request(
         RAS mm.
     boundary : sequence of (r, a, s), optional
         RAS mm.
+    region, label : str, optional
+        See :class:`OrganRequest`.
     **options
         Fields of :class:`..registration.organ.FitOptions`; those that are None are left to their defaults.
 
@@ -86,15 +103,24 @@ def organ_request(
     Raises
     ------
     ValueError
-        If an option is out of range or the net too small.
+        If an option is out of range or the net too small, or one is for a separation and the region is given.
     """
+    _check_region(name, region, options)
     try:
         chosen = FitOptions(**{key: value for key, value in options.items() if value is not None})
         closed_organ(chosen.net or DEFAULT_NET, closure=chosen.closure)
     except ValueError as error:
         msg = f"{name}: {error}"
         raise ValueError(msg) from error
-    return OrganRequest(name, _points(seeds), chosen, _points(boundary or ()))
+    return OrganRequest(name, _points(seeds), chosen, _points(boundary or ()), region, label)
+
+
+def _check_region(name: str, region: str | None, options: Mapping[str, object]) -> None:
+    """Refuse options that say how a region is separated where it is given."""
+    own = [word for word in ("threshold", "erosion", "dilation") if options.get(word) is not None]
+    if region is not None and own:
+        msg = f"{name}: the region {region} is taken as it is, but its {own[0]} was given too; leave one of them out."
+        raise ValueError(msg)
 
 
 def _points(points: Sequence[Sequence[float]]) -> tuple[tuple[float, float, float], ...]:
@@ -132,7 +158,7 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
         msg = f"The configuration {path} is not valid JSON ({reason(error)}); correct it."
         raise ValueError(msg) from error
     requests = tuple(
-        _request(entry, f"{path}, organ {number}", defaults or {})
+        _request(entry, f"{path}, organ {number}", defaults or {}, path.parent)
         for number, entry in enumerate(_entries(content, path), start=1)
     )
     names = [file_key(request.name) for request in requests]
@@ -175,7 +201,7 @@ def _entries(content: object, path: Path) -> list:
     return organs
 
 
-def _request(entry: object, where: str, defaults: Mapping[str, object]) -> OrganRequest:
+def _request(entry: object, where: str, defaults: Mapping[str, object], folder: Path) -> OrganRequest:
     """Request of one entry of the list."""
     if not isinstance(entry, dict):
         msg = f"{where}: {entry!r} was given; an organ is an object with the keys organ and seed."
@@ -190,8 +216,16 @@ def _request(entry: object, where: str, defaults: Mapping[str, object]) -> Organ
         except ValueError as error:
             msg = f"{where}, key {word!r}: {str(error).rstrip('.')}."
             raise ValueError(msg) from error
-    missing = [word for word in ("organ", "seed") if word not in named]
+    if "region" in named:
+        named["region"] = str(folder / named["region"])
+    asked = {**defaults, **named}
+    missing = [word for word, there in (("organ", "organ" in named), ("seed", _starts(asked))) if not there]
     if missing:
-        msg = f"{where}: the key {missing[0]!r} is missing; an organ needs organ and seed."
+        msg = f"{where}: the key {missing[0]!r} is missing; an organ needs organ and seed, or organ and region."
         raise ValueError(msg)
-    return organ_request(named.pop("organ"), named.pop("seed"), **{**defaults, **named})
+    return organ_request(asked.pop("organ"), asked.pop("seed", None) or (), **asked)
+
+
+def _starts(asked: Mapping[str, object]) -> bool:
+    """Whether there is something to begin with."""
+    return bool(asked.get("seed")) or asked.get("region") is not None

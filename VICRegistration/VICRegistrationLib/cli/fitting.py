@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
-from ..imaging.region import Region
+from ..imaging.labels import read_label
+from ..imaging.region import Region, region_from_label
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
@@ -168,12 +169,28 @@ def _separated(image: Image, request: OrganRequest, say: Callable[[str], None]) 
     options = request.options
     start = time.perf_counter()
     check_request(image, request)
+    if request.region is not None:
+        return _from_label(image, request, say)
     region = separate(
         image, request.seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation
     )
     seconds = time.perf_counter() - start
     low, high = region.threshold
     say(f"{request.name}: separation, {region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}, {seconds:.2f} s")
+    return region, seconds
+
+
+def _from_label(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
+    """Take one organ from a label image; returns the region and how long it took, s."""
+    start = time.perf_counter()
+    label, segment = read_label(request.region, request.label, organ=request.name)
+    try:
+        region = region_from_label(image, label)
+    except ValueError as error:
+        msg = f"{request.region}, label {segment}: {error}"
+        raise ValueError(msg) from error
+    seconds = time.perf_counter() - start
+    say(f"{request.name}: region of {request.region}, label {segment}, {region.volume_ml:.1f} ml, {seconds:.2f} s")
     return region, seconds
 
 

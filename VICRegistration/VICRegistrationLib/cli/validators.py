@@ -23,6 +23,22 @@ def points(value: object) -> tuple[tuple[float, float, float], ...]:
     return tuple(point(each) for each in (value if isinstance(value[0], list) else [value]))
 
 
+def path(value: object) -> str:
+    """Check the name of a file."""
+    if not isinstance(value, str) or not value:
+        msg = f"{value!r} was given; the name of a file is needed"
+        raise ValueError(msg)
+    return value
+
+
+def label(value: object) -> str:
+    """Check the value or name of a label."""
+    if isinstance(value, bool) or not isinstance(value, (str, int)) or value == "":
+        msg = f"{value!r} was given; the value or the name of a label is needed"
+        raise ValueError(msg)
+    return str(value)
+
+
 def number(value: str) -> float:
     """Check that a word is a number; whether it makes sense is for others to say."""
     try:
