@@ -72,14 +72,14 @@ def test_in_a_thin_organ_a_point_corrects_the_wall_that_is_nearest(pelvis):
     assert result.found.problems == ()
 
 
-def test_beyond_the_points_surroundings_nothing_moves_at_all(pelvis, bladder):
+def test_beyond_the_points_surroundings_nothing_moves(pelvis, bladder):
     place = [(0.3, 0.45)]
     found = corrected(pelvis.image, bladder, off(bladder.surface, place, [5.0]))
     points, heights = moved(bladder.surface, found.surface)
     far = np.linalg.norm(points - off(bladder.surface, place, [0.0]), axis=1) > 40.0
     assert far.sum() > 1000
-    # Only rounding of the finer net.
-    assert np.abs(heights[far]).max() < 1e-9
+    # Space is deformed within 31 mm; what is held beyond stays.
+    assert np.abs(heights[far]).max() < 0.05
 
 
 def test_points_on_the_true_wall_bring_the_surface_nearer_to_it(pelvis, bladder):
@@ -148,6 +148,24 @@ def test_many_points_are_no_burden(image, fit):
     assert np.abs(boundary_deviations(found.surface, wall)).max() < 0.1
 
 
+def test_a_wall_far_off_is_moved_as_a_whole_and_does_not_fold(image, fit):
+    # A shape squeezed to two thirds along one axis: its walls are missed by up to 6 mm.
+    center = fit.surface.points(*fit.surface.midpoints(24, 16)).mean(axis=0)
+    matrix = np.diag([0.65, 1.0, 1.0, 1.0])
+    matrix[:3, 3] = center - matrix[:3, :3] @ center
+    start = surface = fit.surface.transformed(matrix)
+    truth, points, means = points_on(ellipsoid(), 400), np.empty((0, 3)), []
+    for _ in range(9):
+        distances = np.abs(closest_points(surface, truth).distances)
+        means.append(distances.mean())
+        points = np.vstack([points, truth[distances.argmax()]])
+        found = finish(refit(image, start, FitOptions(), boundary_points=points))
+        assert found.problems == ()
+        assert np.abs(boundary_deviations(found.surface, points)).max() < 0.5
+        surface = found.surface
+    assert means[8] < 0.5 * means[0]
+
+
 # ------------------------------------------------------------------ points that change nothing, or little
 
 
@@ -172,7 +190,8 @@ def test_a_point_that_was_met_stays_met(image, fit):
     assert np.abs(boundary_deviations(twice.surface, more)).max() < 0.2
     points, heights = moved(once.surface, twice.surface)
     near = np.linalg.norm(points - off(fit.surface, place, [0.0]), axis=1) < 8.0
-    assert np.abs(heights[near]).max() < 0.15
+    # Beside the point itself the wall goes to the edge again, between it and the other one.
+    assert np.abs(heights[near]).max() < 0.2
 
 
 def test_with_weight_0_points_have_no_effect(image, fit):
@@ -201,9 +220,9 @@ def test_the_weight_tells_how_near_the_surface_comes(image, fit):
     left = [corrected(image, fit, point, boundary_weight=weight) for weight in (0.01, 0.1, 1.0, 10.0)]
     distances = [boundary_deviations(found.surface, point)[0] for found in left]
     assert distances == sorted(distances, reverse=True)
-    # The documented ones; with a weight that small the grey levels and the plate win.
-    assert distances[0] > 2.0
-    assert distances[1] == pytest.approx(1.0, abs=0.3)
+    # The documented ones; with a weight that small the grey levels win.
+    assert distances[0] > 1.2
+    assert distances[1] == pytest.approx(0.6, abs=0.3)
     assert distances[2] == pytest.approx(0.1, abs=0.05)
     assert distances[3] < 0.03
 

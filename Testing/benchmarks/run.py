@@ -34,6 +34,7 @@ BENCHMARKS = {
     "growth": ("growth.report", "Growth of the local fit"),
     "sampling": ("volumes.sampling_report", "Sampling grey levels"),
     "boundary": ("boundaries.report", "Boundary points"),
+    "corrections": ("corrections.report", "Boundary points where the start is wrong"),
     "preview": ("previews.report", "The preview in Slicer"),
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
 }

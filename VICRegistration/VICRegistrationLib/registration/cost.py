@@ -20,7 +20,7 @@ from ..geometry.bending import bending_matrix
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
-from .sample_grid import Frame, SampledSurface, SampleGrid
+from .sample_grid import Frame, SampledSurface
 from .virtual_image import IntensityProfile, VirtualImage
 
 LOSSES = ("squares", "huber")
@@ -29,8 +29,6 @@ _HUBER = 2.0
 # Scaled median absolute deviation of a normal distribution.
 _MAD = 1.4826
 _SMALLEST_SCALE = 0.02
-# Number of degrees of freedom from which a part of a surface has sparse matrices.
-_DENSE_DOF = 200
 # How much stronger the anchor is at most where the surface has a weak edge.
 _STRONGEST_ANCHOR = 20.0
 
@@ -87,12 +85,6 @@ class _Fixed:
     contrast: float
     weight: np.ndarray
 
-    def of_lines(self, lines: np.ndarray, share: np.ndarray) -> _Fixed:
-        """Keep some lines only, with a share (n_lines,) of their weights."""
-        profile = replace(self.profile, inside=self.profile.inside[lines], outside=self.profile.outside[lines])
-        weight = share[:, None] * self.weight[lines]
-        return replace(self, profile=profile, grey=self.grey[lines], offsets=self.offsets[lines], weight=weight)
-
 
 class Correlation:
     """Compares the virtual image of a deforming surface with a real image.
@@ -109,6 +101,8 @@ class Correlation:
         Distances d of the samples from the surface along the normal, mm, see :meth:`.IntensityProfile.depths`.
     loss : {"squares", "huber"}
         How much samples with large residuals count, see :func:`sample_shares`.
+    share : (n,) ndarray, optional
+        What each normal line keeps of its weight; all of it if not given.
 
     Notes
     -----
@@ -126,14 +120,15 @@ class Correlation:
         *,
         depths: np.ndarray,
         loss: str = "squares",
+        share: np.ndarray | None = None,
     ):
         self.sampler = sampler
         self.virtual = virtual
         self.surface = surface
         self.depths = np.asarray(depths, dtype=float)
         self.loss = loss
+        self.share = share
         self._fixed = None
-        self._settled = False
         self._fresh = None
         self._shift = None
         self._reading = None
@@ -143,35 +138,11 @@ class Correlation:
         """The surface's degrees of freedom."""
         return self.surface.parametrization
 
-    def restricted(self, parametrization: Parametrization, lines: np.ndarray, *, share: np.ndarray) -> Correlation:
-        """Compare on some of the lines only, with the levels of now for good.
-
-        Parameters
-        ----------
-        parametrization : Parametrization
-            Another way to deform the same surface.
-        lines : (n_lines,) ndarray of int
-            Which lines of the grid, in its order.
-        share : (n_lines,) ndarray
-            What each keeps of its weight.
-
-        Returns
-        -------
-        Correlation
-            Its levels are not estimated again: neither lines nor surroundings are those of a whole organ.
-        """
-        grid = SampleGrid((len(lines), 1), tuple(basis[lines] for basis in self.surface.grid.bases))
-        surface = SampledSurface(parametrization, grid, use_sparse=parametrization.n_dof > _DENSE_DOF)
-        part = Correlation(self.sampler, self.virtual, surface, depths=self.depths, loss=self.loss)
-        part._fixed = self._fixed.of_lines(lines, share)
-        part._settled = True
-        return part
-
     # ------------------------------------------------------------------ residuals and weights
 
     def refresh(self, q: np.ndarray) -> None:
         """Bring levels and weights up to date with the surface at q."""
-        if self._settled or (self._fresh is not None and np.array_equal(q, self._fresh)):
+        if self._fresh is not None and np.array_equal(q, self._fresh):
             return
         self._fresh = q.copy()
         frame, virtual = self.surface.frame(q), self.virtual
@@ -181,7 +152,7 @@ class Correlation:
             known = virtual.voxel is not None
             self._shift = virtual.shifts(self.surface.curvature(q) if known else np.zeros((n, 3, 3)))
         shift = self._shift[:, None]
-        weight = frame.area
+        weight = frame.area if self.share is None else self.share * frame.area
         if virtual.adaptive:
             probes = self.sampler.values(frame.along_normals(shift + virtual.probes))
             inside, outside = virtual.estimate(*probes, frame.normals, frame.length, self.surface.grid.shape)

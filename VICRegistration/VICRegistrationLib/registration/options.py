@@ -199,7 +199,7 @@ class FitOptions:
         _("weight of points"),
         _(
             "How much boundary points count against the image, without unit: 0 leaves them out, 1 brings the surface "
-            "to 0.1 mm of a point that was 5 mm off, 0.1 to about 1 mm"
+            "to 0.1 mm of a point that was 5 mm off, 0.1 to about 0.6 mm"
         ),
         limits=(0.0, 10.0),
     )

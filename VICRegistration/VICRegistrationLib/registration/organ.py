@@ -316,9 +316,7 @@ def completed(
     uncorrected = history[-1].surface if surface is None else surface
     points, correction = pulling(points, options), []
     if len(points):
-        stage = Schedule.around(image, uncorrected, options, points=points).to_boundary_points
-        steps = correct(uncorrected, points, stage, closure=options.closure, weight=options.boundary_weight)
-        yield from recorded(steps, correction)
+        yield from recorded(correct(image, uncorrected, points, options), correction)
     steps = (*history, *correction)
     net = net_of(steps[-1].surface, options.closure)
     if net != net_of(uncorrected, options.closure):

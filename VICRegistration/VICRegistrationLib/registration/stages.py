@@ -77,10 +77,10 @@ class Stage:
                 msg = f"The {name} {found!r} was asked for; choose one of {', '.join(choices)}."
                 raise ValueError(msg)
 
-    def correlation(self, surface: SampledSurface) -> Correlation:
-        """Make the correlation of a surface with the image of this stage."""
+    def correlation(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> Correlation:
+        """Make the correlation of a surface with the image of this stage, with shares of the lines' weights."""
         depths = self.virtual.profile.depths(self.reach, self.n_depths)
-        return Correlation(self.sampler, self.virtual, surface, depths=depths, loss=self.loss)
+        return Correlation(self.sampler, self.virtual, surface, depths=depths, loss=self.loss, share=share)
 
     def objective(self, surface: SampledSurface) -> Objective:
         """Make what this stage minimises over the degrees of freedom of a surface."""

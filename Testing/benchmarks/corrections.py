@@ -1,0 +1,47 @@
+"""Real bladders that were started badly, corrected by boundary points clicked one after another at the worst place."""
+
+from __future__ import annotations
+
+import numpy as np
+from bladders import bladders, drawn_image
+from measuring import table
+
+from VICRegistrationLib.analysis.distances import mesh_of_mask, points_on
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.registration.boundary import boundary_deviations
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.refit import refit
+
+N_POINTS = 4000
+# Numbers of points that are told.
+CLICKS = (0, 1, 2, 4, 8, 16)
+# The lower threshold is this share of the median grey level in the lumen: dark parts are left out.
+_TOO_HIGH = 0.9
+
+
+def report(*, quick: bool) -> str:
+    """Fit each bladder with a lower threshold that is too high, and correct it with up to 16 points."""
+    rows = [["bladder", "points", "mean mm", "largest mm", "points met to mm", "valid"]]
+    for bladder in bladders()[: 1 if quick else None]:
+        truth = points_on(mesh_of_mask(drawn_image(bladder)), N_POINTS)
+        grey = bladder.image.array[drawn_image(bladder).array > 0]
+        threshold = (_TOO_HIGH * float(np.median(grey)), float(grey.max()))
+        first = finish(fit_organ(bladder.image, bladder.seed, FitOptions(threshold=threshold)))
+        surface, points = first.surface, np.empty((0, 3))
+        for count in range((4 if quick else max(CLICKS)) + 1):
+            away = np.abs(closest_points(surface, truth).distances)
+            if count in CLICKS:
+                met = np.abs(boundary_deviations(surface, points)).max(initial=0.0)
+                numbers = (f"{away.mean():.2f}", f"{away.max():.1f}", f"{met:.2f}")
+                rows.append([bladder.name, str(count), *numbers, "no" if check_surface(surface) else "yes"])
+            points = np.vstack([points, truth[away.argmax()]])
+            surface = finish(refit(bladder.image, first.surface, first.options, boundary_points=points)).surface
+    if len(rows) == 1:
+        return "  The real images are not here."
+    return f"""\
+  Lower threshold: {_TOO_HIGH:g} of the median in the lumen. Each point is that of the experts' surface from which
+  the surface is farthest now; all points so far are fitted again from the first surface.
+
+{table(rows)}"""
