@@ -23,8 +23,6 @@ from .parametrization import closed_organ as closed_organ_parametrization
 from .surface import BSplineSurface
 
 DEFAULT_NET = (9, 7)
-# Finer than this no net is made, in rows and in columns: a correction of a few places does not need it.
-LARGEST_NET = 65
 # The automatic model is the tube where the organ's axis leaves the straight line between its ends by more than this
 # share of the organ's half width. Seen: 1.3 to 3.8 for tubes bent by 60 to 250 degrees; up to 1.2 an ellipsoid serves
 # eggs as well or better.

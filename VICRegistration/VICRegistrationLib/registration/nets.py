@@ -7,9 +7,10 @@ from functools import lru_cache
 import numpy as np
 
 from ..geometry import bspline
-from ..geometry.models import LARGEST_NET, closed_organ
+from ..geometry.models import closed_organ
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
+from .options import LARGEST_NET
 from .sample_grid import SampledSurface, SampleGrid
 
 

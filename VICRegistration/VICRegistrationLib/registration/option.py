@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 
@@ -33,8 +33,8 @@ class Option:
         Whether the second of two must not be less than the first.
     choices : mapping of str to str
         The words, and what they are called in the panel.
-    known : mapping
-        Where its keys are words too, with those that are added to it.
+    known : callable
+        Gives a mapping whose keys are words too, with those that are added to it; asked when a value is checked.
     """
 
     label: str
@@ -47,7 +47,7 @@ class Option:
     pair: str = ""
     ascending: bool = False
     choices: Mapping[str, str] = field(default_factory=dict)
-    known: Mapping[str, object] = field(default_factory=dict)
+    known: Callable[[], Mapping[str, object]] = dict
 
     def checked(self, value: object) -> object:
         """Check a value, and return it in its own type.
@@ -122,7 +122,7 @@ class Option:
     def needed(self) -> str:
         """What a value must be, in words that go on a sentence."""
         if self.choices:
-            return f"one of {', '.join({**self.choices, **self.known})}"
+            return f"one of {', '.join({**self.choices, **self.known()})}"
         kind = "whole number" if self.whole else "number"
         kind = f"two {kind}s {self.pair}" if self.pair else f"a {kind}"
         unit = f" {self.unit}" if self.unit else ""
@@ -137,7 +137,7 @@ class Option:
     def _converted(self, value: object) -> object:
         """Return a value in its own type; an error if it is none."""
         if self.choices:
-            if value not in self.choices and value not in self.known:
+            if value not in self.choices and value not in self.known():
                 raise ValueError
             return value
         if not self.pair:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, fields
 
-from ..geometry.models import GENERIC_MODELS, LARGEST_NET
 from ..messages import marked as _
 from .option import Option
 
 # The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
 TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0
 MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
+# Finer than this no net is made, in rows and in columns: a correction of a few places does not need it.
+LARGEST_NET = 65
 # Grey levels of images are smaller; Slicer's fields for larger ones would be wider than the panel.
 _GREY_LEVELS = (-1e6, 1e6)
 
@@ -27,6 +28,13 @@ IN_POWERS_OF_TEN = _("It is shown as a power of ten; the left end stands for 0."
 
 def _row(default: object, label: str, help: str, automatic: str = "", **values: object):
     return field(default=default, metadata={"option": Option(label, help, automatic, **values)})
+
+
+def _generic_models():
+    """Give the table of generic models; it is imported late, for Slicer reads this file at its start."""
+    from ..geometry.models import GENERIC_MODELS
+
+    return GENERIC_MODELS
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ class FitOptions:
             "ellipsoid": _("Ellipsoid"),
             "tube": _("Tube with two ends"),
         },
-        known=GENERIC_MODELS,
+        known=_generic_models,
     )
     threshold: tuple[float, float] | None = _row(
         None,
