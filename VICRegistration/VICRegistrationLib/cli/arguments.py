@@ -44,7 +44,7 @@ examples:
   vic-registration reproduce build/reproduce
 
 Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 3 if --keep-going left
-organs out; 130 after Ctrl-C and 143 after SIGTERM (nothing is written).
+organs out, or --strict found a poor one; 130 after Ctrl-C and 143 after SIGTERM (nothing is written).
 """
 
 _FIT_EPILOG = """\
@@ -253,6 +253,7 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
         action="store_true",
         help="fit the other organs if one cannot be fitted; exit code 3 then",
     )
+    what.add_argument("--strict", action="store_true", help="exit code 3 if the verdict of an organ is poor")
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")

@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ..files import replacing_folder
+from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import OPTIONS
+from ..registration.verdict import POOR, verdict_of
 from . import SOME_FAILED
 from .configuration import OrganRequest, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
+from .organ_entries import FittedOrgan
 from .references import OrganReference, chosen_labels, read_references, reference_paths
 
 
@@ -25,7 +28,7 @@ def fit(options: argparse.Namespace) -> int:
     Returns
     -------
     int
-        0, or 3 if ``--keep-going`` was given and some organs could not be fitted.
+        0, or 3 if ``--keep-going`` was given and some organs could not be fitted, or ``--strict`` and one is poor.
 
     Raises
     ------
@@ -57,10 +60,17 @@ def fit(options: argparse.Namespace) -> int:
         say=speaker(options.quiet),
         warn=warn,
     )
+    poor = [organ.name for organ in organs if _verdict(organ) == POOR] if options.strict else []
+    if poor:
+        warn(f"the verdict is poor: {', '.join(poor)}")
     if not failed:
-        return 0
+        return SOME_FAILED if poor else 0
     warn(f"{len(failed)} of {len(failed) + len(organs)} organs could not be fitted: {', '.join(failed)}")
     return SOME_FAILED
+
+
+def _verdict(organ: FittedOrgan) -> str:
+    return verdict_of(organ.fit, fit_diagnostics(organ.fit.image, organ.fit)).word
 
 
 def phantom(options: argparse.Namespace) -> None:

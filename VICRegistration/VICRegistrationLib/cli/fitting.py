@@ -14,6 +14,7 @@ from ..imaging.region import Region, region_from_label
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stages import Step
+from ..registration.verdict import GOOD, verdict_of
 from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
@@ -125,8 +126,12 @@ def _checked_folder(
 
 
 def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
-    for diagnostic in fit_diagnostics(image, organ.fit):
+    diagnostics = fit_diagnostics(image, organ.fit)
+    for diagnostic in diagnostics:
         warn(f"{organ.name}: warning: {diagnostic.sentence()}")
+    word = verdict_of(organ.fit, diagnostics).word
+    if word != GOOD:
+        warn(f"{organ.name}: warning: the verdict on the surface is {word}")
     if step and organ.fit.problems:
         warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 

@@ -25,6 +25,7 @@ from ..registration.nets import net_text
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
+from ..registration.verdict import verdict_of
 
 CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged", "stopped_by")
 
@@ -74,7 +75,11 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
     """
     fit = organ.fit
     region, threshold = fit.region, fit.options.threshold
+    diagnostics = fit_diagnostics(image, fit)
+    verdict = verdict_of(fit, diagnostics)
     return {
+        "verdict": verdict.word,
+        "verdict_reasons": [diagnostic.record() for diagnostic in verdict.reasons],
         "volume_ml": fit.surface.volume() / 1000.0,
         "volume_sd_ml": fit.confidence.volume_sd_ml,
         "follows_no_edge": fit.confidence.unsupported_share,
@@ -98,7 +103,7 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
         "choices": [_choice_entry(choice) for choice in fit.choices],
         "touches_border": [] if region is None else border_sides(image, region),
         "valid": not fit.problems,
-        "warnings": [diagnostic.record() for diagnostic in fit_diagnostics(image, fit)],
+        "warnings": [diagnostic.record() for diagnostic in diagnostics],
         "region": None if region is None else _region_entry(region),
     }
 

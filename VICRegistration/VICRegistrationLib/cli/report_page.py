@@ -12,6 +12,7 @@ from ..files import replacing
 from ..imaging.image import Image
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import FitOptions
+from ..registration.verdict import verdict_of
 from ..report.contents import ReportedOrgan, Source, compared_organ
 from ..report.figure import save_figure
 from ..report.page import report_html
@@ -61,13 +62,15 @@ def reported_organs(
 
 
 def _reported(organ: FittedOrgan, image: Image, reference: OrganReference | None) -> ReportedOrgan:
-    warnings = [found.sentence() for found in fit_diagnostics(image, organ.fit)]
+    diagnostics = fit_diagnostics(image, organ.fit)
+    warnings = [found.sentence() for found in diagnostics]
     compared = None
     if reference is not None:
         compared = compared_organ(organ.name, organ.fit.surface, reference.read, reference.path)
         warnings += [f"Comparison with the reference: {warning}" for warning in compared.warnings]
+    verdict = verdict_of(organ.fit, diagnostics).word
     how = {"seeds": organ.seeds, "seconds": organ.seconds, "asked": _asked(organ.asked)}
-    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, **how)
+    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, verdict=verdict, **how)
 
 
 def write_pictures(

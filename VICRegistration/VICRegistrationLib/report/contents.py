@@ -124,6 +124,8 @@ class ReportedOrgan:
         What to look at before the surface is used, a sentence each.
     compared : ComparedOrgan, optional
         If there is a reference.
+    verdict : str
+        What the fit is worth.
     """
 
     name: str
@@ -133,6 +135,7 @@ class ReportedOrgan:
     asked: Sequence[str] = ()
     warnings: Sequence[str] = ()
     compared: ComparedOrgan | None = None
+    verdict: str = ""
 
 
 def compared_organ(

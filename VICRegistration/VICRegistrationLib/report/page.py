@@ -168,6 +168,7 @@ def _result(organ: ReportedOrgan) -> list[tuple[str, str]]:
     rows = [("Volume", f"{volume} ({about})")]
     rows += [] if fit.region is None else [("Separated region", f"{fit.region.volume_ml:.1f} ml")]
     return [
+        *([("Verdict", organ.verdict)] if organ.verdict else []),
         *rows,
         ("Area", f"{fit.surface.area() / 100.0:.1f} cm²"),
         ("Follows no edge", f"on {percent_text(confidence.unsupported_share)} of the area"),

@@ -1,0 +1,57 @@
+"""The verdict of a fit: good, check or poor, and why."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_phantom import SEED, ellipsoid_image
+
+from VICRegistrationLib import cli
+from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.messages import Diagnostic
+from VICRegistrationLib.registration.choices import Choice
+from VICRegistrationLib.registration.verdict import verdict_of
+
+
+def judged(*diagnostics, choices=()):
+    verdict = verdict_of(SimpleNamespace(choices=choices), diagnostics)
+    return verdict.word, [reason.code for reason in verdict.reasons]
+
+
+@pytest.mark.parametrize(("share", "word"), [(0.2, "good"), (0.4, "check"), (0.8, "poor")])
+def test_the_area_without_an_edge_decides(share, word):
+    reasons = [] if word == "good" else ["no_edge_in_places"]
+    assert judged(Diagnostic("no_edge_in_places", {"share": share})) == (word, reasons)
+
+
+def test_the_worst_reason_comes_first():
+    found = [Diagnostic("starts_differ", {}), Diagnostic("reaches_border", {}), Diagnostic("volume_differs", {})]
+    assert judged(*found) == ("poor", ["volume_differs", "starts_differ"])
+
+
+def test_what_was_kept_of_a_fit_counts():
+    tighter = Choice("hold", "10 times tighter", (Diagnostic("held_tighter", {"net": "9x7", "factor": 10.0}),))
+    kept = Diagnostic("surface_kept", {"net": "9x7", "kept": "closed surface of the region"})
+    assert judged(choices=[tighter]) == ("check", ["held_tighter"])
+    assert judged(choices=[tighter, Choice("hold", "kept", (kept,))])[0] == "poor"
+
+
+def test_it_is_in_the_report_and_strict_ends_with_3(tmp_path, capsys):
+    write_image(ellipsoid_image(), tmp_path / "mri.nii.gz")
+    words = ["fit", str(tmp_path / "mri.nii.gz"), "--organ", "bladder", "--no-pictures", "--quiet", "--strict"]
+    words += ["--seed", SEED, "--output", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    entry = json.loads((tmp_path / "out" / "report.json").read_text())["organs"]["bladder"]
+    assert (entry["verdict"], entry["verdict_reasons"]) == ("good", [])
+    noise = ellipsoid_image()
+    flat = type(noise)(200.0 * np.random.default_rng(0).random(noise.array.shape), noise.ijk_to_ras)
+    write_image(flat, tmp_path / "noise.nii.gz")
+    matrix = noise.ijk_to_ras
+    label = type(noise)((noise.array > 450.0).astype(np.uint8), matrix)
+    write_image(label, tmp_path / "label.nii.gz")
+    words[1], words[-1] = str(tmp_path / "noise.nii.gz"), str(tmp_path / "none")
+    assert cli.main([*words, "--region", str(tmp_path / "label.nii.gz")]) == 3
+    assert "the verdict is poor: bladder" in capsys.readouterr().err
