@@ -287,7 +287,8 @@ def test_a_surface_beside_the_edge_is_brought_to_it(image, options):
 def test_a_surface_at_the_edge_stays(image, fit):
     found = finish(refit(image, fit.surface, fit.options))
     distances = np.abs(closest_points(fit.surface, points_on(found.surface, 500)).distances)
-    assert distances.mean() < 0.05
+    # Fits of the small phantom in voxels of 3 mm; the benchmark prints 0.02 to 0.05 mm for organs.
+    assert distances.mean() < 0.07
     assert distances.max() < 0.3
     # It is held where it lies, not where a stage has brought it before.
     assert list(dict.fromkeys(step.stage for step in found.history)) == ["grey levels, first look", "grey levels, fine"]

@@ -14,6 +14,7 @@ import tempfile
 import unittest
 
 import numpy as np
+import qt
 import slicer
 import vtk
 
@@ -307,6 +308,15 @@ class FitTest(PanelTestCase):
         self.ui.convergenceCheck.click()
         self.assertTrue(organ.plot.GetNumberOfPlotSeriesNodes() == 1)
         self.assertEqual(organ.convergence.GetNumberOfRows(), int(organ.message.split()[0]))
+
+    def test_theVerdictIsShownInTheTable(self):
+        organ = self.fitted("bladder")
+        self.assertEqual(organ.verdict, "good")
+        item = self.ui.organsTable.item(0, 4)
+        self.assertIn("good", item.toolTip())
+        self.assertIsNotNone(item.data(qt.Qt.BackgroundRole))
+        organ.verdict, organ.verdictReasons = "poor", "the surface follows no edge"
+        self.assertIn("no edge", item.toolTip())
 
     def test_theFillsOfFittedOrgansAreHidden(self):
         for name in ("bladder", "vagina"):

@@ -37,6 +37,12 @@ class QTableWidgetItem(Recorded):
             self._data[role] = value
             self._changed()
 
+    def toolTip(self):
+        return self._data.get(3, "")
+
+    def setToolTip(self, text):
+        self.setData(3, text)
+
     def icon(self):
         return self._data.get(1)
 

@@ -12,6 +12,8 @@ from ..mrml.organs import PRESETS
 from .form import fitHeight
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
+# Background of the state by the verdict on the surface.
+_VERDICT_COLOURS = {"good": "#cdeccd", "check": "#ffe9a8", "poor": "#ffc4bd"}
 _ICONS = {True: ":/Icons/Small/SlicerVisible.png", False: ":/Icons/Small/SlicerInvisible.png"}
 
 
@@ -108,6 +110,17 @@ class OrgansTable:
             if item.text() != text:
                 item.setText(text)
             item.setToolTip(organ.message)
+        self._showVerdict(self._table.item(row, _STATE), organ)
+
+    @staticmethod
+    def _showVerdict(item, organ):
+        """Colour the state by the verdict on the surface, and tell its reasons beside it."""
+        verdict = organ.verdict if organ.surface is not None else ""
+        colour = _VERDICT_COLOURS.get(verdict)
+        item.setData(qt.Qt.BackgroundRole, qt.QColor(colour) if colour else None)
+        if verdict:
+            words = {"good": _("good"), "check": _("check"), "poor": _("poor")}
+            item.setToolTip("\n".join([_("Verdict: {word}").format(word=words[verdict]), organ.verdictReasons]).strip())
 
     def _select(self, row):
         # A row that is selected again loses the name that is being typed in it.

@@ -235,6 +235,7 @@ class _Bookkeeping:
     def _record(self, image, fit):
         from ..registration.diagnostics import fit_diagnostics
         from ..registration.nets import net_of
+        from ..registration.verdict import verdict_of
 
         organ, model = self.organ, self.model
         pulled = fit.uncorrected if len(fit.boundary_points) else None
@@ -263,8 +264,10 @@ class _Bookkeeping:
                 cost=f"{fit.cost_final:.3g}",
                 seconds=f"{fit.seconds:.2f}",
             )
-            warnings = [sentence(diagnostic) for diagnostic in fit_diagnostics(image, fit)]
-            organ.message = "\n".join([told, *self._chosen(fit), *warnings])
+            diagnostics = fit_diagnostics(image, fit)
+            organ.message = "\n".join([told, *self._chosen(fit), *map(sentence, diagnostics)])
+            verdict = verdict_of(fit, diagnostics)
+            organ.verdict, organ.verdictReasons = verdict.word, "\n".join(map(sentence, verdict.reasons))
 
     def _chosen(self, fit):
         """Tell in a line what the fit has chosen; no line if everything was given."""

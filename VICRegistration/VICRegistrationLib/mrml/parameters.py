@@ -173,6 +173,9 @@ class OrganParameters:
     plot: Optional[vtkMRMLPlotChartNode]
     state: OrganState = OrganState.NEW
     message: str = ""
+    # One of VICRegistrationLib.registration.verdict.VERDICTS once there is a surface, and why it is not good.
+    verdict: str = ""
+    verdictReasons: str = ""
     volumeMl: float = 0.0
 
     referenceKind: ReferenceKind = ReferenceKind.SEGMENT
