@@ -4,52 +4,10 @@ from __future__ import annotations
 
 QT = {
     "UserRole": 256,
-    "DisplayRole": 0,
-    "DecorationRole": 1,
-    "EditRole": 2,
-    "ToolTipRole": 3,
-    "StatusTipRole": 4,
-    "FontRole": 6,
-    "TextAlignmentRole": 7,
-    "BackgroundRole": 8,
-    "ForegroundRole": 9,
-    "CheckStateRole": 10,
-    "NoItemFlags": 0,
-    "ItemIsSelectable": 1,
-    "ItemIsEditable": 2,
-    "ItemIsUserCheckable": 16,
-    "ItemIsEnabled": 32,
-    "Unchecked": 0,
-    "PartiallyChecked": 1,
-    "Checked": 2,
-    "AlignLeft": 1,
-    "AlignRight": 2,
-    "AlignHCenter": 4,
-    "AlignTop": 32,
-    "AlignBottom": 64,
-    "AlignVCenter": 128,
-    "AlignCenter": 132,
-    "Horizontal": 1,
-    "Vertical": 2,
-    "PlainText": 0,
-    "RichText": 1,
-    "AutoText": 2,
-    "NoTextInteraction": 0,
-    "TextSelectableByMouse": 1,
-    "TextSelectableByKeyboard": 2,
-    "ArrowCursor": 0,
-    "WaitCursor": 3,
-    "BusyCursor": 16,
-    "NoContextMenu": 0,
-    "CustomContextMenu": 3,
-    "NoFocus": 0,
-    "StrongFocus": 11,
-    "NoModifier": 0,
-    "Key_Return": 0x01000004,
-    "Key_Delete": 0x01000007,
-    "Key_Escape": 0x01000000,
-    "ToolButtonIconOnly": 0,
-    "ToolButtonTextBesideIcon": 2,
+    **{"DisplayRole": 0, "EditRole": 2, "ToolTipRole": 3, "BackgroundRole": 8, "ForegroundRole": 9},
+    **{"NoItemFlags": 0, "ItemIsSelectable": 1, "ItemIsEditable": 2, "ItemIsEnabled": 32},
+    **{"AlignLeft": 1, "AlignRight": 2, "AlignHCenter": 4, "AlignTop": 32, "AlignVCenter": 128, "AlignCenter": 132},
+    **{"Horizontal": 1, "Vertical": 2, "WaitCursor": 3},
 }
 
 # Enums that carry numbers which code adds up or compares; others get numbers of their own.
@@ -64,16 +22,8 @@ NUMBERS = {
         **{"ForcePlaceSingleMarkup": 0, "ForcePlaceMultipleMarkups": 1},
         **{"HidePlaceMultipleMarkupsOption": 2, "ShowPlaceMultipleMarkupsOption": 3},
     },
-    "QMessageBox": {
-        **{"Ok": 0x400, "Cancel": 0x400000, "Yes": 0x4000, "No": 0x10000, "Retry": 0x80000, "Close": 0x200000},
-        **{"NoIcon": 0, "Information": 1, "Warning": 2, "Critical": 3, "Question": 4, "NoButton": 0},
-    },
 }
 NUMBERS["QAbstractItemView"] = NUMBERS["QTableWidget"]
-
-SIZE_POLICY = {
-    **{"Fixed": 0, "Minimum": 1, "Maximum": 4, "Preferred": 5, "MinimumExpanding": 3, "Expanding": 7, "Ignored": 13}
-}
 
 
 class Named(int):
@@ -114,18 +64,3 @@ class Qt(metaclass=Namespace):
     """Enums of Qt itself."""
 
     numbers = QT
-
-
-class QSizePolicy(metaclass=Namespace):
-    """How a widget takes space."""
-
-    numbers = SIZE_POLICY
-
-    def __init__(self, horizontal=5, vertical=5):
-        self.horizontal, self.vertical = horizontal, vertical
-
-
-class QEventLoop(metaclass=Namespace):
-    """Which events are processed; loops of their own are not needed."""
-
-    numbers = {"AllEvents": 0, "ExcludeUserInputEvents": 1}
