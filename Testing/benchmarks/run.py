@@ -23,6 +23,8 @@ THREADS = "OMP_NUM_THREADS"
 BENCHMARKS = {
     "accuracy": ("accuracy.report", "Surfaces against truth and experts: fitted, smoothed triangles, the paper"),
     "experts": ("experts.report", "One click in real MRI"),
+    "clicks": ("clicks.report", "Clicks anywhere"),
+    "constants": ("constants.report", "Half and twice each constant of the separation"),
     "nets": ("nets.report", "Control nets of different sizes"),
     "robustness": ("robustness.report", "Seeds and grey levels moved at random"),
     "confidence": ("confidence.report", "Errors against the standard deviations that fits tell"),
@@ -39,7 +41,7 @@ BENCHMARKS = {
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
 }
 # Left out unless asked for.
-LONG = ("confidence", "meshes")
+LONG = ("confidence", "meshes", "clicks", "constants")
 
 
 def report(name: str, *, quick: bool) -> str:
