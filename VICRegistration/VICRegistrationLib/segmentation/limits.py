@@ -20,6 +20,8 @@ _OUTER_SHARE = 0.2
 _ASTRAY = 0.05
 # The lattice goes on around the edges by so many steps, each as long as they reach.
 _MARGIN = 3
+# Share of the distance between the limits that is rounding.
+_ROUNDING = 1e-6
 # Weight of the typical limit, where an edge at the place itself weighs 1.
 _PRIOR = 0.5
 
@@ -115,15 +117,17 @@ class Limits:
         )
         box = tuple(slice(int(low), int(high)) for low, high in zip(begin[::-1], end[::-1]))
         low, high = self._interpolated(begin + np.asarray(start)[::-1], end - begin)
-        held[box] = _within(grey[box], self.low + low, self.high + high)
+        # A level that is a limit but for rounding is within it, whatever constant is added to all levels.
+        least = _ROUNDING * (self.high - self.low) if np.isfinite(self.high - self.low) else 0.0
+        held[box] = _within(grey[box], self.low - least + low, self.high + least + high)
         return held
 
     def _interpolated(self, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Both offsets at the voxels of a box whose first voxel and size are (i, j, k), each (nk, nj, ni)."""
-        low, high = self.offsets.astype(np.float32)
+        low, high = self.offsets
         for begin, length, first, step, count in zip(start, size, self.first, self.step, low.shape):
             away = (begin + np.arange(length) - first)[:, None] / step - np.arange(count)
-            hats = np.maximum(1.0 - np.abs(away), 0.0).astype(np.float32)
+            hats = np.maximum(1.0 - np.abs(away), 0.0)
             # Contracts the leading axis and puts its voxels last: after three turns the order is i, j, k again.
             low, high = (np.tensordot(level, hats, axes=(0, 1)) for level in (low, high))
         return low.transpose(2, 1, 0), high.transpose(2, 1, 0)

@@ -32,8 +32,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
-    Where both find the same organ, the first is taken without its lobes, or the second if the first leaves a part out;
-    where they differ, that with more of an edge along its boundary.
+    Where both find the same organ, the first is taken without its lobes, or the second if the first leaves a part out
+    or has less of an edge along its boundary; where they differ, that with more of an edge.
 
     Parameters
     ----------
@@ -109,8 +109,12 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
     if _SAME_ORGAN <= alike < _SAME_SHAPE:
         grown = without_lobes(image, grown, shaped)
         alike = agreement(grown, shaped)
+    if alike >= _SAME_SHAPE:
+        return grown
     if alike >= _SAME_ORGAN:
-        return grown if alike >= _SAME_SHAPE else shaped
+        # What the shape holds more is a dark part; what the grey levels hold more may be out of sight from the middle.
+        more = grown.volume_ml > shaped.volume_ml
+        return grown if more and edge_support(image, grown, star) > edge_support(image, shaped, star) else shaped
     better = max((grown, shaped), key=lambda region: edge_support(image, region, star))
     values = {"grown_ml": float(grown.volume_ml), "shaped_ml": float(shaped.volume_ml)}
     return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
