@@ -24,8 +24,8 @@ from .stages import Step, expected_decrease, last_step
 # freedom takes off noise. For the demo's organs that is 0.7 to 1.6 times: the bladder would gain by it, the vagina
 # lose; see the benchmark of nets.
 _EXPECTED = 4.0
-# How often the spans are halved: 9x7 control points become 17x11 and 33x19. Once more takes 10 s, and slices do not
-# show that much.
+# How often the spans are halved: 9x7 control points become 17x11 and 33x19. Once more takes as long as all before, and
+# slices do not show that much.
 MOST_HALVINGS = 2
 
 
