@@ -23,8 +23,6 @@ pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="there is no folder .
 # The organ of all cases.
 _VOLUME_ML = 19.79
 FITTED = "fitted"
-# A seed where no organ is: refused, or at least told.
-NOTHING_THERE = ("No edge of an organ was found around the seeds", "follows no edge on 100% of its area")
 # What each command of a case ends in: a fit of the right organ, a comparison by its volume Dice, or a refusal's words.
 RIGHT = {
     "cine_2d_time_series": ["30 images that are all at one place"],
@@ -40,7 +38,7 @@ RIGHT = {
     "mesh_twice": [0.999],
     "nifti2": [FITTED],
     # The first seed is where the organ would be with slices of 1 mm: outside of it.
-    "nifti_pixdim_not_sform": [NOTHING_THERE, FITTED],
+    "nifti_pixdim_not_sform": ["fills most of the volume", FITTED],
     "nifti_sheared": [FITTED, FITTED],
     "no_image_orientation": ["has no ImageOrientationPatient"],
     "no_pixel_spacing": ["has no PixelSpacing"],
@@ -86,8 +84,6 @@ def test_a_case_ends_right(name, one_net, tmp_path, monkeypatch, capsys):
         elif isinstance(right, float):
             assert status == 0, captured.err
             assert volume_dice(captured.out) == pytest.approx(right, abs=0.002)
-        elif right == NOTHING_THERE:
-            assert right[0 if status else 1] in captured.err
         else:
             assert status == 2
             assert right in captured.err.splitlines()[-1]

@@ -117,6 +117,13 @@ def test_a_catheter_and_gas_inside_belong_to_the_organ(ball):
     assert dice(region, truth) > 0.97
 
 
+@pytest.mark.parametrize("seed", [(0, 0, 0), (12, -9, 5), (-15, 4, -11)])
+def test_noise_alone_holds_no_organ(seed):
+    image = image_of(np.full((2 * HALF + 1,) * 3, 100.0), noise=8.0)
+    with pytest.raises(ValueError, match="No edge of an organ|fills most of the volume"):
+        separate(image, [seed])
+
+
 def test_the_right_boundary_has_more_support_than_a_fragment(ball):
     image, truth = ball
     star = find_star(image, np.zeros(3))

@@ -184,7 +184,7 @@ def find_edges(image: Image, seeds) -> Edges:
     step = float(image.spacing.min())
     directions = _directions(image)
     contrast = _contrast_around(image, seeds, directions)
-    level, noise = _levels_at(image, seeds, contrast)
+    level, noise = levels_at(image, seeds, contrast)
     rays = len(directions)
     starts, along = np.repeat(seeds, rays, axis=0), np.tile(directions, (len(seeds), 1))
     smallest = np.maximum(_STEP_NOISE * noise, _STEP_SHARE * contrast)
@@ -298,10 +298,21 @@ def _depth(step):
     return max(int(round(_DEPTH_MM / step)), 2)
 
 
-def _levels_at(image, seeds, contrast):
+def levels_at(image, seeds, contrast):
     """Robust level and noise in a ball around each seed, of the voxels on the seed's side of an edge through it.
 
-    The noise is the scaled median difference of neighbours, along the axis of the grid where they differ least.
+    Parameters
+    ----------
+    image : Image
+    seeds : ndarray, shape (n, 3)
+        RAS mm.
+    contrast : float
+        Of the surroundings.
+
+    Returns
+    -------
+    levels, noise : ndarray, shape (n,)
+        The noise is the scaled median difference of neighbours, along the axis of the grid where they differ least.
     """
     reach = np.maximum(np.floor(_BALL_MM / image.spacing), 1)
     offsets = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in reach), indexing="ij"), axis=-1)

@@ -14,16 +14,20 @@ from .checks import check_leak, check_pieces, check_scale, fills_volume
 from .edge_support import agreement, edge_support
 from .growing import grown_region
 from .lobes import without_lobes
+from .ray_edges import levels_at
 from .ray_origins import CLICK_MM
 from .seeds import checked_seeds
 from .star_region import star_region
-from .star_surface import find_star
+from .star_surface import Star, find_star
 
 # Dice coefficients from which two regions are the same organ, and have the same shape. Seen where both are right: 0.98
 # and more. With a lobe, or a dark part left out: up to 0.97. Below 0.8 one has leaked, is a fragment, or is bent.
 _SAME_ORGAN, _SAME_SHAPE = 0.85, 0.975
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
+# Nor is one found in surroundings whose contrast is less than so many standard deviations of the noise: noise alone has
+# 1.4 to 2.2 of them, organs tried had 36 and more.
+_NOISE = 6.0
 
 
 def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None, fill: bool = True) -> Region:
@@ -102,7 +106,7 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
             raise refused
         return grown
     if grown is None:
-        if edge_support(image, shaped, star) < _LEAST_SUPPORT:
+        if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star):
             raise refused
         return shaped
     alike = agreement(grown, shaped)
@@ -118,6 +122,11 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
     better = max((grown, shaped), key=lambda region: edge_support(image, region, star))
     values = {"grown_ml": float(grown.volume_ml), "shaped_ml": float(shaped.volume_ml)}
     return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
+
+
+def _is_noise(image: Image, seeds: np.ndarray, star: Star) -> bool:
+    """Whether what differs around the seeds differs by no more than noise does."""
+    return star.contrast < _NOISE * float(levels_at(image, seeds, star.contrast)[1].max())
 
 
 def _holds(region: Region, seeds: np.ndarray) -> bool:

@@ -57,7 +57,7 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
     if not mask.any():
         return None
     first, last = bounds(mask)
-    grey = image.crop(start + first, start + last).array[mask[tuple(map(slice, first, last))]]
+    grey = image.array[tuple(map(slice, start + first, start + last))][mask[tuple(map(slice, first, last))]]
     threshold = (limits.low, float(grey.max())) if star.falls else (float(grey.min()), limits.high)
     return region_from_crop(image, mask, start, fill=fill, threshold=threshold, erosion=OPENING_MM)
 
