@@ -51,7 +51,10 @@ NODES = (
     *("seeds", "boundaryPoints", "regions", "surface", "convergence", "plot", "inputSegmentation"),
     *("referenceSegmentation", "referenceModel"),
 )
-RESULTS = ("label", "source", "threshold", "regionSegmentId", "state", "message", "volumeMl")
+RESULTS = (
+    *("label", "source", "threshold", "regionSegmentId", "state", "message", "volumeMl"),
+    *("verdict", "verdictReasons"),
+)
 
 
 @pytest.fixture

@@ -72,8 +72,8 @@ def test_a_transform_hardened_on_the_volume_moves_nothing(logic, name):
     np.testing.assert_allclose(seeds(organ), place, atol=1e-6)
     assert organ.surface.GetParentTransformNode() is None
     moved = closest_points(logic.surface(organ), triangles[::20])
-    # The refit starts where the fit ended, and is held there.
-    assert np.abs(moved.distances).mean() < 0.05
+    # The refit starts where the fit ended, and is held there; the small phantom has voxels of 3 mm.
+    assert np.abs(moved.distances).mean() < 0.08
     assert np.count_nonzero(mrml_scenes.segment_voxels(organ, volume)) == pytest.approx(voxels, rel=0.02)
     assert organ.volumeMl == pytest.approx(volume_ml, rel=0.01)
 
