@@ -209,8 +209,8 @@ def test_eggs_are_left_to_the_ellipsoid(seed):
     """Their axes are crooked, but tubes along them are farther off."""
     image, seeds = painted(random_organ(seed), seed=seed)
     shape, _ = shape_of(separate(image, seeds))
-    assert centreline(shape.inside, shape.lattice).bend > 0.8
-    start = models.automatic(shape, NET, "smooth", least_bend=0.8)
+    assert centreline(shape.inside, shape.lattice).bend > 0.7
+    start = models.automatic(shape, NET, "smooth", least_bend=0.7)
     np.testing.assert_array_equal(start.control_net, models.ellipsoid(shape, NET, "smooth").control_net)
 
 

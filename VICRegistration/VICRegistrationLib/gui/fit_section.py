@@ -143,6 +143,9 @@ class FitSection:
     def _ended(self, end, value):
         organ, self._organ, self._runner = self._organ, None, None
         self._showProgress(100 if end is End.DONE else 0)
+        if end is End.DONE:
+            # A fit that is done at once has had no step to look at.
+            _focusOnce(self._volume)
         there = organ.parameterNode.GetScene() is not None
         text = {
             End.DONE: lambda: f"{organ.label}: {organ.message}",
