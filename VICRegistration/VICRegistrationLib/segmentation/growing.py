@@ -35,6 +35,8 @@ _MOST_GROWTHS = 3
 # Radii tried by default: the first, the next ones if the region leaks, the small ones if it vanishes.
 _EROSIONS_MM = (2.0, 4.0, 6.0)
 _THIN_EROSIONS_MM = (1.0, 0.0)
+# A region this many times what the rays span has leaked even if they do not see all of the organ.
+_LEAK_FOR_SURE = 2.0
 # What is many times as large as that is no organ.
 _ABSURD = 6.0
 # A region of less than this share of what the rays from any seed span is a fragment of the organ.
@@ -95,7 +97,9 @@ def _separated_by_default(image, edges, seeds, limits, dilation, *, most):
     voxels = voxels_of(image, seeds)
     seen = edges.volume / image.voxel_volume
     fragment = _FRAGMENT * edges.volumes.min() / image.voxel_volume
-    attempts = [(erosion, fragment, LEAK_FACTOR * seen) for erosion in _EROSIONS_MM]
+    attempts = [
+        (erosion, fragment, factor * seen) for factor in (LEAK_FACTOR, _LEAK_FOR_SURE) for erosion in _EROSIONS_MM
+    ]
     # If none will do, the rays saw too little of a bent organ or too much, or the organ is thin.
     attempts += [(erosion, 0.0, most * seen) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
     found, last, absurd = {}, None, False

@@ -111,15 +111,21 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         return shaped
     alike = agreement(grown, shaped)
     if _SAME_ORGAN <= alike < _SAME_SHAPE:
-        grown = without_lobes(image, grown, shaped)
-        alike = agreement(grown, shaped)
+        # A cut is right if it brings both nearer to each other.
+        grown, alike = max(
+            ((part, agreement(part, shaped)) for part in (grown, without_lobes(image, grown, shaped))),
+            key=lambda found: found[1],
+        )
     if alike >= _SAME_SHAPE:
         return grown
     if alike >= _SAME_ORGAN:
         # What the shape holds more is a dark part; what the grey levels hold more may be out of sight from the middle.
         more = grown.volume_ml > shaped.volume_ml
         return grown if more and edge_support(image, grown, star) > edge_support(image, shaped, star) else shaped
-    better = max((grown, shaped), key=lambda region: edge_support(image, region, star))
+    supports = [edge_support(image, region, star) for region in (grown, shaped)]
+    # A leak has edges too, at other tissue.
+    leaked = bool(grown.diagnostics) and supports[1] >= _LEAST_SUPPORT
+    better = shaped if leaked or supports[1] > supports[0] else grown
     values = {"grown_ml": float(grown.volume_ml), "shaped_ml": float(shaped.volume_ml)}
     return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
 
