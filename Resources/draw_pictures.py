@@ -19,7 +19,7 @@ FOLDER = Path(__file__).resolve().parent
 WIDTH = 1200
 LANCZOS = Image.Resampling.LANCZOS
 # Of the report as a browser shows it: its width, and where three parts of it begin, each as high as the last number.
-PAGE_WIDTH, PARTS, PART_HEIGHT = 1000, (0, 1414, 2638), 1205
+PAGE_WIDTH, PARTS, PART_HEIGHT = 1000, (0, 1412, 2680), 1172
 
 
 def main() -> None:

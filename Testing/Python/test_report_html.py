@@ -191,6 +191,18 @@ def test_every_organ_has_its_section_and_a_line_in_the_overview(parsed):
     assert "2, see there" in parsed.words
 
 
+def test_the_verdict_is_the_first_line_of_a_section_and_in_the_overview(plain, image, parsed):
+    for verdict in ("good", "check", "poor"):
+        words = Page(page_of([dataclasses.replace(plain, verdict=verdict, warnings=WARNINGS)], image)).words
+        last = len(words) - 1 - words[::-1].index("bladder")
+        assert words[last + 1] == verdict
+        assert words[last + 2].startswith(": ")
+        assert "Look at these" in words[last + 3]
+    assert parsed.words[parsed.words.index("organ") + 1] == "verdict"
+    # An organ that nobody has judged has none.
+    assert not [attributes for _, attributes in parsed.all("p") if "verdict" in attributes.get("class", "")]
+
+
 def test_warnings_are_told_word_by_word_before_the_result(parsed):
     places = [parsed.words.index(warning) for warning in WARNINGS]
     assert places == sorted(places)

@@ -124,8 +124,8 @@ class ReportedOrgan:
         What to look at before the surface is used, a sentence each.
     compared : ComparedOrgan, optional
         If there is a reference.
-    verdict : str
-        What the fit is worth.
+    verdict : {"good", "check", "poor", ""}
+        What the fit is worth; empty if nobody has judged it.
     """
 
     name: str

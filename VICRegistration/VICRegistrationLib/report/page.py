@@ -33,6 +33,11 @@ _ENDS = {
     "no better point": "no further step lowered the cost",
     "iterations": "as many iterations as allowed",
 }
+_VERDICTS = {
+    "good": "within 1.5 mm of the organ, as far as can be known without the truth",
+    "check": "look at the contour before you use the surface",
+    "poor": "not to be used",
+}
 
 
 def report_html(
@@ -108,7 +113,10 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
     return {
         "name": organ.name,
         "warnings": organ.warnings,
+        "verdict": organ.verdict,
+        "verdict_words": _VERDICTS.get(organ.verdict, ""),
         "overview": (
+            organ.verdict or "none",
             volume_text(organ.fit.surface.volume() / 1000.0, fit.confidence),
             f"{fit.surface.area() / 100.0:.1f} cm²",
             "yes" if fit.converged else "no",
@@ -168,7 +176,6 @@ def _result(organ: ReportedOrgan) -> list[tuple[str, str]]:
     rows = [("Volume", f"{volume} ({about})")]
     rows += [] if fit.region is None else [("Separated region", f"{fit.region.volume_ml:.1f} ml")]
     return [
-        *([("Verdict", organ.verdict)] if organ.verdict else []),
         *rows,
         ("Area", f"{fit.surface.area() / 100.0:.1f} cm²"),
         ("Follows no edge", f"on {percent_text(confidence.unsupported_share)} of the area"),

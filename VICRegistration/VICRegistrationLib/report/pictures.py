@@ -257,7 +257,8 @@ def draw_convergence(axes, fit: OrganFit) -> None:
 def alarm(organ: ReportedOrgan) -> str:
     """Say in a few words what to look at before trusting a surface; empty if nothing is known to be wrong."""
     fit, count = organ.fit, len(organ.warnings)
-    parts = [] if fit.converged else ["not converged"]
+    parts = [] if organ.verdict in ("", "good") else [organ.verdict]
+    parts += [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
     parts += ["reaches the border of the image"] if fit.region is not None and fit.region.touches_border else []
     parts += [f"{count} warning{'s' if count > 1 else ''} in the report"] if count else []
