@@ -23,7 +23,7 @@ ROWS = (
     ("analysis",),
     ("phantoms", "meshing"),
     ("report",),
-    ("validation",),
+    ("validation", "multipatch"),
     ("mrml", "cli", "api"),
     ("gui", "demo"),
 )

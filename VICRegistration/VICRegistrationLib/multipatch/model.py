@@ -1,0 +1,327 @@
+"""A model of several organs and of what holds them: named patches that share their control points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import sparse
+
+from ..geometry import bspline
+from ..geometry.surface import BSplineSurface
+from .cuts import OrganCuts, Pieces
+
+KINDS = ("organ", "sheet", "cord")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What patches belong to.
+
+    Parameters
+    ----------
+    name : str
+    kind : {"organ", "sheet", "cord"}
+        An organ is cut from a closed surface; a sheet (fascia, broad ligament, floor) is open and has a thickness; a
+        cord is a solid that stands on a patch of an organ.
+    thickness : float, optional
+        Of a sheet, mm.
+    estimated : bool, optional
+        Whether the image does not show it. All but organs, if not given.
+    foot : str
+        Of a cord: the name of the organ's patch that it stands on.
+    """
+
+    name: str
+    kind: str
+    thickness: float | None = None
+    estimated: bool | None = None
+    foot: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the kind, and what belongs to it."""
+        if self.kind not in KINDS:
+            msg = f"The part {self.name!r} is of the kind {self.kind!r}; choose one of {', '.join(KINDS)}."
+            raise ValueError(msg)
+        if self.kind == "sheet" and not (self.thickness is not None and 0.0 < self.thickness < np.inf):
+            msg = f"The sheet {self.name!r} has the thickness {self.thickness}; give a positive number of mm."
+            raise ValueError(msg)
+        if self.kind == "cord" and not self.foot:
+            msg = f"The cord {self.name!r} has no foot; name the organ's patch that it stands on."
+            raise ValueError(msg)
+        if self.estimated is None:
+            object.__setattr__(self, "estimated", self.kind != "organ")
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A B-spline patch over points that it shares with its neighbours.
+
+    Parameters
+    ----------
+    name : str
+        The only one of that name in its model.
+    part : str
+        Name of the part that it belongs to.
+    degrees : (p, q)
+    knots : (u, v) of ndarray
+        Clamped knot vectors.
+    indices : (n_u, n_v) ndarray of int
+        Its control points, by their number in the model's points.
+    """
+
+    name: str
+    part: str
+    degrees: tuple[int, int]
+    knots: tuple[np.ndarray, np.ndarray]
+    indices: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the knots against the indices and make the arrays read-only."""
+        indices = np.array(self.indices)
+        knots = tuple(bspline.validated_knots(degree, part) for degree, part in zip(self.degrees, self.knots))
+        needed = tuple(len(part) - degree - 1 for degree, part in zip(self.degrees, knots))
+        if indices.shape != needed or indices.dtype.kind not in "iu":
+            msg = f"The patch {self.name!r} has indices of shape {indices.shape}; its degrees and knots need {needed}."
+            raise ValueError(msg)
+        for array in (*knots, indices):
+            array.flags.writeable = False
+        object.__setattr__(self, "degrees", tuple(int(degree) for degree in self.degrees))
+        object.__setattr__(self, "knots", knots)
+        object.__setattr__(self, "indices", indices)
+
+    def surface(self, points: np.ndarray) -> BSplineSurface:
+        """Return the patch over the model's points, (N, 3) RAS mm, as an open surface."""
+        return BSplineSurface(self.degrees, *self.knots, np.asarray(points)[self.indices])
+
+    def borders(self) -> dict[str, np.ndarray]:
+        """Return indices of the control points along its borders, by "u_min", "u_max", "v_min" and "v_max"."""
+        rows = self.indices
+        return {"u_min": rows[0], "u_max": rows[-1], "v_min": rows[:, 0], "v_max": rows[:, -1]}
+
+
+@dataclass(frozen=True, eq=False)
+class MultiPatchModel:
+    """Organs, ligaments, fasciae and muscles as patches over one array of points; make one by :func:`assembled`.
+
+    Patches that share a border share its points, so that any map of the points leaves the model watertight.
+
+    Parameters
+    ----------
+    points : (N, 3) ndarray
+        Control points, RAS mm: those of the organs, one organ after the other, then the free ones.
+    patches : tuple of Patch
+    parts : tuple of Part
+    parents : dict of str to BSplineSurface
+        The closed surface of each organ, keyed by the name of its part.
+    cuts : dict of str to OrganCuts
+        How each organ is cut into patches.
+    fixed : dict of str to (n,) ndarray of int
+        Points that are fixed to bone, by the name of the place.
+    landmarks : dict of str to (3,) ndarray
+        Named places on bone, RAS mm.
+    name : str
+    """
+
+    points: np.ndarray
+    patches: tuple[Patch, ...]
+    parts: tuple[Part, ...]
+    parents: Mapping[str, BSplineSurface]
+    cuts: Mapping[str, OrganCuts]
+    fixed: Mapping[str, np.ndarray] = field(default_factory=dict)
+    landmarks: Mapping[str, np.ndarray] = field(default_factory=dict)
+    name: str = ""
+
+    def __repr__(self) -> str:
+        """Tell the sizes, not the points."""
+        return f"MultiPatchModel({len(self.parts)} parts, {len(self.patches)} patches, {len(self.points)} points)"
+
+    @property
+    def organs(self) -> tuple[str, ...]:
+        """Names of the organs."""
+        return tuple(self.parents)
+
+    def part(self, name: str) -> Part:
+        """Return the part of that name."""
+        return next(part for part in self.parts if part.name == name)
+
+    def patch(self, name: str) -> Patch:
+        """Return the patch of that name."""
+        return next(patch for patch in self.patches if patch.name == name)
+
+    def patches_of(self, part: str) -> tuple[Patch, ...]:
+        """Patches of a part, a cord's foot not included."""
+        return tuple(patch for patch in self.patches if patch.part == part)
+
+    def surface(self, patch: str) -> BSplineSurface:
+        """Return the patch of that name as an open surface, RAS mm."""
+        return self.patch(patch).surface(self.points)
+
+    def ranges(self) -> dict[str, slice]:
+        """Where each organ's points stand; the free points come after the last of them."""
+        first, places = 0, {}
+        for organ, parent in self.parents.items():
+            count = self.cuts[organ].pieces(parent).matrix.shape[0]
+            places[organ] = slice(first, first + count)
+            first += count
+        return places
+
+    def organ_matrix(self, organ: str) -> sparse.csr_matrix:
+        """Matrix K from an organ's control net to its points: ``K @ parent.control_net.reshape(-1, 3)``."""
+        return self.cuts[organ].pieces(self.parents[organ]).matrix
+
+    def carried(
+        self, parents: Mapping[str, BSplineSurface], carry: Callable[[np.ndarray], np.ndarray]
+    ) -> MultiPatchModel:
+        """Move the model to another pelvis.
+
+        Parameters
+        ----------
+        parents : mapping of str to BSplineSurface
+            The closed surface of every organ there, with the degrees and knots that it has here.
+        carry : callable
+            From points (n, 3) here to points (n, 3) there, RAS mm: moves the points that belong to no organ, and the
+            landmarks. What sheets and cords share with an organ follows the organ.
+
+        Returns
+        -------
+        MultiPatchModel
+
+        Raises
+        ------
+        ValueError
+            If an organ is missing or has other knots.
+        """
+        for organ, parent in self.parents.items():
+            if organ not in parents:
+                msg = f"The surface of the organ {organ!r} is missing; give one for each of {', '.join(self.parents)}."
+                raise ValueError(msg)
+            new = parents[organ]
+            if new.degrees != parent.degrees or not (
+                np.array_equal(new.knots_u, parent.knots_u) and np.array_equal(new.knots_v, parent.knots_v)
+            ):
+                msg = f"The surface of the organ {organ!r} has other degrees or knots than the model's; give the same."
+                raise ValueError(msg)
+        parents = {organ: parents[organ] for organ in self.parents}
+        points = [self.cuts[organ].pieces(parent).matrix @ _flat(parent) for organ, parent in parents.items()]
+        free = self.points[sum(map(len, points)) :]
+        landmarks = dict(self.landmarks)
+        if landmarks:
+            landmarks = dict(zip(landmarks, carry(np.array(list(landmarks.values())))))
+        if len(free):
+            points.append(carry(free))
+        return replace(self, points=np.concatenate(points), parents=parents, landmarks=landmarks)
+
+
+def assembled(
+    parents: Mapping[str, BSplineSurface],
+    cuts: Mapping[str, OrganCuts],
+    parts: Sequence[Part],
+    *,
+    free_points: np.ndarray = (),
+    free_patches: Sequence[Patch] = (),
+    fixed: Mapping[str, np.ndarray] | None = None,
+    landmarks: Mapping[str, np.ndarray] | None = None,
+    name: str = "",
+) -> MultiPatchModel:
+    """Make a model of organs' surfaces with their cuts, and of free patches.
+
+    Parameters
+    ----------
+    parents, cuts, parts, fixed, landmarks, name
+        As in :class:`MultiPatchModel`.
+    free_points : (n, 3) array_like
+        Control points that belong to no organ, RAS mm. In indices they come after those of all organs.
+    free_patches : sequence of Patch
+        Patches of sheets and cords.
+
+    Returns
+    -------
+    MultiPatchModel
+
+    Raises
+    ------
+    ValueError
+        If an organ cannot be cut so, a name is missing or there twice, or an index is out of range.
+    """
+    organs = [part.name for part in parts if part.kind == "organ"]
+    if sorted(organs) != sorted(parents) or sorted(organs) != sorted(cuts):
+        msg = (
+            f"The organs are {', '.join(organs) or 'none'}, with surfaces of {', '.join(parents) or 'none'} and cuts "
+            f"of {', '.join(cuts) or 'none'}; every organ needs a closed surface and cuts."
+        )
+        raise ValueError(msg)
+    points, patches, first = [], [], 0
+    for organ, parent in parents.items():
+        pieces = _pieces(organ, cuts[organ], parent)
+        points.append(pieces.matrix @ _flat(parent))
+        patches += [
+            Patch(patch, organ, pieces.degrees, knots, indices + first) for patch, knots, indices in pieces.patches()
+        ]
+        first += len(points[-1])
+    free = np.asarray(free_points, dtype=float).reshape(-1, 3)
+    model = MultiPatchModel(
+        np.concatenate([*points, free]),
+        (*patches, *free_patches),
+        tuple(parts),
+        dict(parents),
+        dict(cuts),
+        {place: np.asarray(group, dtype=int) for place, group in (fixed or {}).items()},
+        {place: np.asarray(point, dtype=float) for place, point in (landmarks or {}).items()},
+        name,
+    )
+    _check(model)
+    return model
+
+
+def _flat(parent: BSplineSurface) -> np.ndarray:
+    return parent.control_net.reshape(-1, 3)
+
+
+def _pieces(organ: str, cuts: OrganCuts, parent: BSplineSurface) -> Pieces:
+    try:
+        return cuts.pieces(parent)
+    except ValueError as error:
+        msg = f"The organ {organ!r}: {error}"
+        raise ValueError(msg) from error
+
+
+def _check(model: MultiPatchModel) -> None:
+    """Refuse names that are missing or there twice, indices without a point, and numbers that are none."""
+    names = [part.name for part in model.parts]
+    for kind, given in (("part", names), ("patch", [patch.name for patch in model.patches])):
+        twice = sorted({name for name in given if given.count(name) > 1})
+        if twice or "" in given:
+            msg = (
+                f"Every {kind} needs a name of its own; {twice[0]!r} is there twice."
+                if twice
+                else (f"A {kind} has no name; every {kind} needs one of its own.")
+            )
+            raise ValueError(msg)
+    if not np.isfinite(model.points).all() or not all(
+        point.shape == (3,) and np.isfinite(point).all() for point in model.landmarks.values()
+    ):
+        msg = "Points or landmarks are not finite; give three coordinates each, in mm."
+        raise ValueError(msg)
+    for patch in model.patches:
+        if patch.part not in names:
+            msg = (
+                f"The patch {patch.name!r} belongs to {patch.part!r}, which is no part; give one of {', '.join(names)}."
+            )
+            raise ValueError(msg)
+    groups = [*((patch.name, patch.indices) for patch in model.patches), *model.fixed.items()]
+    for name, indices in groups:
+        if indices.size and not (indices.min() >= 0 and indices.max() < len(model.points)):
+            msg = (
+                f"{name!r} has points numbered {indices.min()} to {indices.max()}; the model has the numbers 0 to "
+                f"{len(model.points) - 1}."
+            )
+            raise ValueError(msg)
+    for part in model.parts:
+        if not model.patches_of(part.name):
+            msg = f"The part {part.name!r} has no patch; give it one, or leave it out."
+            raise ValueError(msg)
+        if part.kind == "cord" and part.foot not in {patch.name for patch in model.patches}:
+            msg = f"The cord {part.name!r} stands on {part.foot!r}, which is no patch; name an organ's patch."
+            raise ValueError(msg)
