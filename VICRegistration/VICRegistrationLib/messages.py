@@ -80,6 +80,7 @@ SENTENCES = {
         "The net {net} was expected to lower the cost by {expected:.1%}, of which noise explains {explained:.1%}; it "
         "was not tried."
     ),
+    "net_of_model": _("It is that of the generic model."),
     "made_finer": _("It was made finer, from {net}, for the boundary points."),
     # A fit.
     "invalid_surface": _("{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion."),
@@ -141,6 +142,7 @@ WORDS = (
         _("surface of the region"),
         _("surface of the coarser net"),
         _("scaled model"),
+        _("surface of the generic model"),
         _("closed surface of the region"),
     ),
 )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from scipy.spatial.distance import cdist
 
@@ -40,6 +43,55 @@ def wendland(distances: np.ndarray, radius: float) -> np.ndarray:
     """
     share = np.minimum(distances / radius, 1.0)
     return (1.0 - share) ** 4 * (4.0 * share + 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class CardinalDeformation:
+    """A deformation of space whose degrees of freedom are the displacements of its centres.
+
+    x + sum_i E_i(x) q_i, where the functions E_i are made of Wendland's at all centres and an affine part: E_i is 1 at
+    its own centre, 0 at the others, and together they reproduce every affine map.
+
+    Parameters
+    ----------
+    centers : (n, 3) ndarray
+        RAS mm, at least four, not in one plane.
+    radius : float
+        Of Wendland's function, mm.
+    """
+
+    centers: np.ndarray
+    radius: float
+
+    def matrix(self, points: np.ndarray) -> np.ndarray:
+        """Values of the functions at points.
+
+        Parameters
+        ----------
+        points : (m, 3) ndarray
+            RAS mm.
+
+        Returns
+        -------
+        (m, n) ndarray
+            Times displacements of the centres, (n, 3) mm, it gives those of the points.
+        """
+        return self._terms(points) @ self._coefficients
+
+    def _terms(self, points: np.ndarray) -> np.ndarray:
+        """Wendland's functions and the affine part, (m, n + 4)."""
+        middle = self.centers.mean(axis=0)
+        affine = np.column_stack([np.ones(len(points)), (points - middle) / self.radius])
+        return np.hstack([wendland(cdist(points, self.centers), self.radius), affine])
+
+    @cached_property
+    def _coefficients(self) -> np.ndarray:
+        """What the terms are multiplied with in each function, (n + 4, n)."""
+        n = len(self.centers)
+        terms = self._terms(self.centers)
+        system = np.zeros((n + 4, n + 4))
+        system[:n], system[n:, :n] = terms, terms[:, n:].T
+        return np.linalg.solve(system, np.eye(n + 4, n))
 
 
 def deformed_through(closed: Parametrization, points: np.ndarray, radius: float) -> BSplineSurface:

@@ -64,6 +64,7 @@ def pelvis_phantom(
     spacing: tuple[float, float, float] = (0.59, 0.59, 4.0),
     size: tuple[int, int] = (512, 512),
     n_slices: int = 28,
+    surfaces: dict[str, BSplineSurface] | None = None,
 ) -> PelvisPhantom:
     """Paint a sagittal T2-weighted MRI of a pelvis with a filled bladder and gel in vagina and rectum.
 
@@ -81,6 +82,8 @@ def pelvis_phantom(
         Number of pixels to the back and to the feet.
     n_slices : int
         Number of slices from left to right.
+    surfaces : dict of str to BSplineSurface, optional
+        Other lumens of these organs, RAS mm, closed; any of them may be left out.
 
     Returns
     -------
@@ -97,7 +100,7 @@ def pelvis_phantom(
     about 220, air 0. Partial volumes come from a box-shaped slice profile and pixels; the point spread in the plane is
     a Gaussian of 0.6 pixels.
     """
-    surfaces = organs.pelvic_organs()
+    surfaces = surfaces or organs.pelvic_organs()
     shape = (int(n_slices), int(size[1]), int(size[0]))
     matrix = _sagittal_matrix(surfaces, shape, spacing)
     _check_field_of_view(surfaces, shape, matrix)

@@ -19,6 +19,9 @@ from ..geometry.surface import BSplineSurface
 
 # Matrices whose products with the bases are kept: those of one global and one local parametrization, and some more.
 _KEPT_MOTIONS = 8
+# Share of a matrix that is not zero, from which on it is taken as full: deformations of space move all points, control
+# points few.
+_MANY_MEET = 0.5
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
 
@@ -235,6 +238,9 @@ class SampledSurface:
         self._motion = tuple(zip(*motions))
         # Coordinates that move alike are computed at once.
         self._alike = all(motion is motions[0] for motion in motions)
+        first = parametrization.matrices[0]
+        # Where all functions meet at all samples, products of pairs are as many as a matrix product works out anyway.
+        self._all_meet = first.nnz > _MANY_MEET * np.prod(first.shape)
         self._last = None
 
     @property
@@ -313,7 +319,7 @@ class SampledSurface:
         pairs = [(a, b) for a in range(3) for b in range(a, 3)]
         weights = np.stack([outer[:, a, b] for a, b in pairs], axis=1)
         motion, indices = self._motion[0], self.parametrization.indices
-        if self._alike:
+        if self._alike and not self._all_meet:
             blocks = self.grid.products(self.parametrization.matrices[0]).forms(weights, dense=not self.sparse)
         elif self.sparse:
             blocks = [(motion[a].T @ sparse.diags(w) @ motion[b]).tocoo() for (a, b), w in zip(pairs, weights.T)]

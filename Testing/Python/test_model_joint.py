@@ -1,0 +1,112 @@
+"""Organs that share the displacements of common centres stay closed, and what is between them goes along."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from model_organs import plain_organs
+
+from VICRegistrationLib.geometry.parametrization import closed_organ
+from VICRegistrationLib.geometry.space_deformation import CardinalDeformation
+from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.multipatch.carrying import CarryingMap
+from VICRegistrationLib.multipatch.joint import CENTERS, JointSpace, projected, spread_centers
+
+
+@pytest.fixture(scope="module")
+def organs():
+    return plain_organs()
+
+
+@pytest.fixture(scope="module")
+def space(organs):
+    return JointSpace(organs)
+
+
+def pushed(points):
+    """Smooth displacement of space by up to 5 mm."""
+    return points + 5.0 * np.sin(points[..., [1, 2, 0]] / 40.0)
+
+
+def test_a_cardinal_function_is_one_at_its_centre_and_zero_at_the_others(space):
+    centers = space.deformation.centers
+    assert np.allclose(space.deformation.matrix(centers), np.eye(len(centers)), atol=1e-9)
+
+
+def test_affine_maps_are_reproduced_everywhere(space):
+    linear, shift = np.array([[1.1, 0.2, 0.0], [-0.1, 0.9, 0.3], [0.0, 0.1, 1.2]]), np.array([1.0, -2.0, 3.0])
+    centers = space.deformation.centers
+    points = np.random.default_rng(0).uniform(-150.0, 150.0, (50, 3))
+    moved = points + space.deformation.matrix(points) @ (centers @ linear.T + shift - centers)
+    assert np.allclose(moved, points @ linear.T + shift, atol=1e-8)
+
+
+def test_a_new_centre_with_its_present_displacement_changes_nothing():
+    random = np.random.default_rng(1)
+    centers, q = random.uniform(-50, 50, (12, 3)), random.normal(size=(12, 3))
+    new = np.array([[3.0, 4.0, 5.0]])
+    first = CardinalDeformation(centers, 80.0)
+    second = CardinalDeformation(np.vstack([centers, new]), 80.0)
+    points = random.uniform(-60, 60, (40, 3))
+    both = np.vstack([q, first.matrix(new) @ q])
+    assert np.allclose(first.matrix(points) @ q, second.matrix(points) @ both, atol=1e-9)
+
+
+def test_centres_are_spread_over_every_organ(organs):
+    centers = spread_centers(organs)
+    assert len(centers) == 3 * CENTERS
+    for name, own in zip(organs, np.split(centers, 3)):
+        assert np.abs(organs[name].closest_points(own).distances).max() < 1e-9
+        away = np.linalg.norm(own[:, None] - own, axis=2) + 1e9 * np.eye(CENTERS)
+        # Even spread: as far apart as so many circles that cover a good half of the surface.
+        assert away.min() > np.sqrt(0.5 * organs[name].area() / CENTERS)
+
+
+def test_surfaces_share_their_degrees_of_freedom_and_stay_closed(space):
+    q = np.random.default_rng(2).normal(size=3 * len(space.deformation.centers))
+    for sampled in space.surfaces.values():
+        moved = sampled.parametrization.deform(q)
+        assert sampled.n_dof == len(q)
+        assert moved.closed
+        closed = closed_organ(moved)
+        assert np.allclose(closed.deform(closed.fit(moved.control_net)).control_net, moved.control_net, atol=1e-8)
+
+
+def test_the_nearest_surfaces_follow_a_smooth_map_of_space(organs, space):
+    found = space.nearest({name: pushed(surface.control_net) for name, surface in organs.items()})
+    for name, surface in found.items():
+        assert np.linalg.norm(surface.control_net - pushed(organs[name].control_net), axis=-1).mean() < 0.15
+        assert check_surface(surface) == ()
+
+
+def test_what_leaves_an_organ_closed_is_left_as_it_is(organs):
+    surface = organs["vagina"]
+    columns = closed_organ(surface).matrices[0].toarray()[:, ::7]
+    assert np.allclose(projected(surface, columns), columns, atol=1e-10)
+
+
+def test_the_carrying_map_takes_organs_to_organs_and_the_space_between_along(organs):
+    target = {name: surface.with_control_net(pushed(surface.control_net)) for name, surface in organs.items()}
+    carry = CarryingMap(organs, target)
+    for name, surface in organs.items():
+        u, v = surface.midpoints(20, 13)
+        assert np.linalg.norm(carry(surface.points(u, v)) - target[name].points(u, v), axis=1).mean() < 0.1
+    between = np.array([[0.0, 10.0, -10.0], [10.0, -22.0, 0.0]])
+    assert np.linalg.norm(carry(between) - pushed(between), axis=1).max() < 1.0
+
+
+def test_the_determinant_of_the_carrying_map(organs):
+    matrix = np.diag([1.2, 0.9, 1.1, 1.0])
+    carry = CarryingMap(organs, {name: surface.transformed(matrix) for name, surface in organs.items()})
+    points = np.random.default_rng(3).uniform(-80.0, 80.0, (20, 3))
+    assert np.allclose(carry.determinants(points), 1.2 * 0.9 * 1.1, atol=1e-6)
+
+
+def test_landmarks_pull_what_is_far_from_the_organs(organs):
+    mark = np.array([[0.0, 70.0, -70.0]])
+    free = CarryingMap(organs, organs)
+    held = CarryingMap(organs, organs, landmarks=mark, places=mark + 10.0)
+    assert np.allclose(free(mark), mark, atol=1e-6)
+    assert np.linalg.norm(held(mark) - mark - 10.0) < 4.0
+    inside = organs["bladder"].points(*organs["bladder"].midpoints(14, 10))
+    assert np.abs(held(inside) - inside).max() < 0.5

@@ -1,0 +1,198 @@
+"""All organs of a model deformed as one: radial basis functions as the degrees of freedom of several surfaces.
+
+The centres lie on the organs; their displacements q are shared by all of them. A closed organ with control net P gets
+the ordinary parametrization P + E q with E = Pi Phi(P): the cardinal functions at its control points, and the
+projection on nets that are closed and smooth. So one objective sums up the images of all organs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg as sparse_linalg
+from scipy.spatial.distance import cdist
+
+from ..geometry.parametrization import Parametrization, closed_organ
+from ..geometry.space_deformation import CardinalDeformation
+from ..geometry.surface import BSplineSurface
+from ..registration.cost import Objective
+from ..registration.nets import grid_shape, net_of
+from ..registration.sample_grid import SampledSurface, SampleGrid
+from ..registration.stages import Stage, Step, iterate_stage
+
+# Radius of Wendland's function, mm, and centres on each organ.
+RADIUS_MM = 80.0
+CENTERS = 32
+# Out of so many points of a surface its centres are chosen.
+_CANDIDATES = (32, 20)
+# More samples of a surface than these so few functions do not need.
+_MOST_SAMPLES = (48, 30)
+CLOSURE = "smooth"
+
+
+@dataclass(frozen=True, eq=False)
+class JointStep:
+    """What is known after one iteration of all organs' fit.
+
+    Parameters
+    ----------
+    stage : str
+    iteration : int
+        Number of the iteration in this stage, from 1.
+    cost : float
+        Mean squared residual in units of the contrast, mean of the organs.
+    displacement : float
+        Largest displacement of a control point, mm.
+    surfaces : dict of str to BSplineSurface
+        The organs now, RAS mm.
+    stopped_by : str
+        As in :class:`.stages.Step`.
+    """
+
+    stage: str
+    iteration: int
+    cost: float
+    displacement: float
+    surfaces: dict[str, BSplineSurface]
+    stopped_by: str = ""
+
+    def of(self, name: str) -> Step:
+        """Take the step of one organ, with the cost of all."""
+        return Step(
+            self.stage, self.iteration, self.cost, self.displacement, self.surfaces[name], stopped_by=self.stopped_by
+        )
+
+
+def spread_centers(surfaces: Mapping[str, BSplineSurface], count: int = CENTERS) -> np.ndarray:
+    """Choose points on every surface as far from each other as can be.
+
+    Parameters
+    ----------
+    surfaces : mapping of str to BSplineSurface
+    count : int
+        On each of them.
+
+    Returns
+    -------
+    (n, 3) ndarray
+        RAS mm.
+    """
+    chosen = []
+    for surface in surfaces.values():
+        points = surface.points(*surface.midpoints(*_CANDIDATES))
+        away = cdist(points, points.mean(axis=0)[None])[:, 0]
+        own = []
+        for _ in range(count):
+            own.append(points[away.argmax()])
+            nearest = cdist(points, own[-1][None])[:, 0]
+            away = nearest if len(own) == 1 else np.minimum(away, nearest)
+        chosen += own
+    return np.array(chosen)
+
+
+class JointSpace:
+    """Surfaces that move together.
+
+    Parameters
+    ----------
+    surfaces : mapping of str to BSplineSurface
+        Closed organs as they are placed, RAS mm.
+    radius : float
+        Of Wendland's function, mm.
+    count : int
+        Of centres on each organ.
+
+    Attributes
+    ----------
+    surfaces : dict of str to SampledSurface
+        With the same degrees of freedom in all of them.
+    """
+
+    def __init__(
+        self, surfaces: Mapping[str, BSplineSurface], *, radius: float = RADIUS_MM, count: int = CENTERS
+    ) -> None:
+        self.deformation = CardinalDeformation(spread_centers(surfaces, count), radius)
+        self.surfaces = {name: self._sampled(surface) for name, surface in surfaces.items()}
+
+    def _sampled(self, surface: BSplineSurface) -> SampledSurface:
+        moved = sparse.csr_matrix(projected(surface, self.deformation.matrix(surface.control_net.reshape(-1, 3))))
+        n = moved.shape[1]
+        space = Parametrization(surface, (moved,) * 3, tuple(np.arange(n) + k * n for k in range(3)), 3 * n)
+        shape = tuple(min(pair) for pair in zip(grid_shape(net_of(surface, CLOSURE)), _MOST_SAMPLES))
+        return SampledSurface(space, SampleGrid.on(surface, shape), use_sparse=False)
+
+    def nearest(self, nets: Mapping[str, np.ndarray]) -> dict[str, BSplineSurface]:
+        """Surfaces whose control nets come nearest to others in least squares, each organ counted alike.
+
+        Parameters
+        ----------
+        nets : mapping of str to (n_u, n_v, 3) ndarray
+            RAS mm.
+        """
+        left, right = [], []
+        for name, sampled in self.surfaces.items():
+            space = sampled.parametrization
+            weight = 1.0 / np.sqrt(space.matrices[0].shape[0])
+            left.append(weight * space.matrices[0].toarray())
+            right.append(weight * (nets[name] - space.surface.control_net).reshape(-1, 3))
+        q = np.linalg.lstsq(np.vstack(left), np.vstack(right), rcond=None)[0].T.ravel()
+        return {name: sampled.parametrization.deform(q) for name, sampled in self.surfaces.items()}
+
+    def run(
+        self, stages: Mapping[str, Stage], surfaces: Mapping[str, BSplineSurface]
+    ) -> Generator[JointStep, None, tuple[dict[str, BSplineSurface], dict[str, float]]]:
+        """Run one stage of all organs from surfaces on; energies are counted from these.
+
+        Parameters
+        ----------
+        stages : mapping of str to Stage
+            The same stage of every organ.
+        surfaces : mapping of str to BSplineSurface
+            Reached by the degrees of freedom.
+
+        Yields
+        ------
+        JointStep
+
+        Returns
+        -------
+        surfaces : dict of str to BSplineSurface
+        costs : dict of str to float
+            Of each organ, at the end.
+        """
+        starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
+        costs = {name: stages[name].correlation(start) for name, start in starts.items()}
+        energies = sum(
+            cost.energies(bending=stages[name].bending, sliding=stages[name].sliding, anchor=stages[name].anchor)
+            for name, cost in costs.items()
+        )
+        objective = Objective(list(costs.values()), stiffness=energies)
+        stage = next(iter(stages.values()))
+        for number, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
+            q = iterate.q
+            found = {name: start.parametrization.deform(q) for name, start in starts.items()}
+            cost = iterate.cost / len(costs)
+            yield JointStep(stage.name, number, cost, iterate.displacement, found, stopped_by)
+        return found, {name: cost.sample(q).cost for name, cost in costs.items()}
+
+
+def projected(surface: BSplineSurface, columns: np.ndarray) -> np.ndarray:
+    """Project displacements of control points on those that leave an organ closed and smooth.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        A closed organ.
+    columns : (n_u * n_v, m) ndarray
+        Displacements along one coordinate, m of them.
+
+    Returns
+    -------
+    (n_u * n_v, m) ndarray
+        The nearest ones in least squares.
+    """
+    free = closed_organ(surface, closure=CLOSURE).matrices[0].tocsc()
+    return free @ sparse_linalg.splu((free.T @ free).tocsc()).solve(free.T @ columns)

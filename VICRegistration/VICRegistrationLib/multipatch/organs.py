@@ -1,0 +1,179 @@
+"""The organs of a generic model, fitted to an image: placed, deformed as one, and each by itself at last.
+
+1. *Place* all organs by the moments of their regions, see :mod:`.placement`.
+2. *Deform* them as one by radial basis functions, see :mod:`.joint`: on the regions, then on the grey levels, coarse
+   and fine.
+3. *Register* each organ with its own control points, on the grey levels.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
+from ..imaging.image import Image
+from ..imaging.moments import moments
+from ..imaging.region import Region
+from ..messages import Diagnostic
+from ..registration.boundary import checked_boundary_points
+from ..registration.choices import Choice, choose_by
+from ..registration.drift_limit import within_drift_limit
+from ..registration.nets import net_of, net_text, sampled
+from ..registration.options import FitOptions
+from ..registration.organ import OrganFit, Outcome, completed, recorded
+from ..registration.schedule import Schedule
+from ..registration.stages import Step, last_step
+from ..segmentation.checks import check_scale
+from .joint import CLOSURE, JointSpace, JointStep
+from .placement import Placement, SolidMoments, place
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOrgans:
+    """Organs of a model in an image.
+
+    Parameters
+    ----------
+    fits : dict of str to OrganFit
+    together : dict of str to BSplineSurface
+        The organs as they were deformed as one, before their own control points moved; RAS mm.
+    placement : Placement
+    """
+
+    fits: dict[str, OrganFit]
+    together: dict[str, BSplineSurface]
+    placement: Placement
+
+
+@dataclass(frozen=True, eq=False)
+class _Organ:
+    """One organ while it is fitted."""
+
+    region: Region
+    asked: FitOptions
+    schedule: Schedule
+    history: list[Step]
+    choices: tuple[Choice, ...] = ()
+
+
+def fit_organs(
+    image: Image,
+    parents: Mapping[str, BSplineSurface],
+    regions: Mapping[str, Region],
+    options: Mapping[str, FitOptions],
+) -> Generator[JointStep, None, FittedOrgans]:
+    """Fit the closed organs of a model to an image, step by step.
+
+    Parameters
+    ----------
+    image : Image
+        The grey levels.
+    parents : mapping of str to BSplineSurface
+        Closed surfaces of the model's organs, RAS mm.
+    regions : mapping of str to Region
+        Separated organs on the image's grid, at least two of them.
+    options : mapping of str to FitOptions
+        Of each of these; net, closure and generic model are those of the parents.
+
+    Yields
+    ------
+    JointStep
+        One for every iteration.
+
+    Returns
+    -------
+    FittedOrgans
+
+    Raises
+    ------
+    ValueError
+        If the volume is not given in mm, a region is too thin for a surface or does not lie on the image's grid, or
+        the model cannot be placed.
+    """
+    start = time.perf_counter()
+    check_scale(image)
+    organs = {name: _planned(image, region, options[name], parents[name]) for name, region in regions.items()}
+    placement = place(parents, {name: SolidMoments.of_region(region) for name, region in regions.items()})
+    placed = {name: parents[name].transformed(placement.matrix) for name in organs}
+    space = JointSpace(placed)
+    maps = placement.maps
+    surfaces = space.nearest({name: surface.transformed(maps[name]).control_net for name, surface in placed.items()})
+    organs, together = yield from _deformed_as_one(space, organs, surfaces)
+    fits, surfaces = {}, together
+    for name, organ in organs.items():
+        steps = _by_itself(image, organ, placed[name], start=start)
+        fits[name] = yield from _beside_others(steps, name, surfaces)
+        surfaces = {**surfaces, name: fits[name].surface}
+    return FittedOrgans(fits, together, placement)
+
+
+def _planned(image: Image, region: Region, asked: FitOptions, parent: BSplineSurface) -> _Organ:
+    """Plan the fit of an organ in RAS mm, the frame that all of them share."""
+    pose = replace(moments(region), center=np.zeros(3), axes=np.eye(3))
+    options = asked.filled_in(threshold=region.threshold, net=net_of(parent, CLOSURE), closure=CLOSURE)
+    return _Organ(region, asked, Schedule.of_region(image, region, pose, options), [])
+
+
+def _deformed_as_one(
+    space: JointSpace, organs: dict[str, _Organ], surfaces: dict[str, BSplineSurface]
+) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
+    """Deform all organs as one; between coarse and fine, what follows the image is chosen for each of them."""
+    for stage in ("on_region", "coarse", "fine"):
+        stages = {name: getattr(organ.schedule, stage) for name, organ in organs.items()}
+        surfaces, costs = yield from _in_histories(space.run(stages, surfaces), organs)
+        if stage == "coarse":
+            organs = {name: _chosen(organ, costs[name]) for name, organ in organs.items()}
+    return organs, surfaces
+
+
+def _in_histories(steps, organs: Mapping[str, _Organ]):
+    """Add steps of all organs to the history of each; returns what the steps return."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            return end.value
+        for name, organ in organs.items():
+            organ.history.append(step.of(name))
+        yield step
+
+
+def _beside_others(steps, name: str, surfaces: Mapping[str, BSplineSurface]):
+    """Show steps of one organ beside the others, which stay; returns what the steps return."""
+    while True:
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            return end.value
+        shown = {**surfaces, name: step.surface}
+        stage = f"{name}, {step.stage}"
+        yield JointStep(stage, step.iteration, step.cost, step.displacement, shown, step.stopped_by)
+
+
+def _chosen(organ: _Organ, cost: float) -> _Organ:
+    """Choose tau, smoothness and anchor of an organ by what the coarse stage has come to."""
+    schedule, choices = choose_by(replace(organ.history[-1], cost=cost), organ.schedule, organ.asked)
+    return replace(organ, schedule=schedule, choices=choices)
+
+
+def _by_itself(image: Image, organ: _Organ, placed: BSplineSurface, *, start: float) -> Generator[Step, None, OrganFit]:
+    """Register an organ with its own control points, from where all of them have come to."""
+    outcome = yield from recorded(_register(organ, placed), organ.history)
+    points = checked_boundary_points(None)
+    return (yield from completed(image, organ.history, outcome, points, region=organ.region, start=start))
+
+
+def _register(organ: _Organ, placed: BSplineSurface) -> Generator[Step, None, Outcome]:
+    schedule, together = organ.schedule, organ.history[-1]
+    space = sampled(together.surface, CLOSURE)
+    found = yield from last_step(replace(schedule.fine, name="own control points"), space)
+    found, limited = yield from within_drift_limit(
+        found, schedule, space, on_region=together, fallback=together, called="surface of the generic model"
+    )
+    cost = schedule.fine.correlation(space.at(found.surface)).cost_of(placed)
+    net = Choice("net", net_text(schedule.options.net), (Diagnostic("net_of_model"),))
+    return Outcome(schedule.options, (net, *organ.choices, *limited), cost)
