@@ -132,6 +132,36 @@ SENTENCES = {
         "The worst element, at R {r:.1f}, A {a:.1f}, S {s:.1f} mm, has a scaled Jacobian of {jacobian:.3f}; {good:g} "
         "or more is good. Look for a crease of the surface there, or choose another element size."
     ),
+    # A model of several organs.
+    "part_detached": _(
+        "{part} shares no points with any other part, so it would not move with them. Let a border of one of its "
+        "patches have the points of a border of an organ's patch."
+    ),
+    "foot_detached": _(
+        "{part} shares {found} of the {needed} points around its foot, the patch {foot}. Let its sides begin with the "
+        "points of that patch's borders."
+    ),
+    "part_not_closed": _(
+        "{part} does not bound a solid: its patches do not meet, or are turned to different sides, at the border "
+        "{side} of {patch}. Let both have the points of that border, and normals outward."
+    ),
+    "patch_folded": _("The patch {patch} is folded at R {r:.1f}, A {a:.1f}, S {s:.1f} mm; draw it without the fold."),
+    "organ_invalid": _("{part}: {problem}"),
+    "passes_through_organ": _(
+        "{part} passes through {organ}, {depth_mm:.1f} mm deep at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead it around "
+        "the organ."
+    ),
+    "passes_through_cord": _(
+        "{part} passes through {cord} at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead one of them around the other."
+    ),
+    "another_unit": _(
+        "{part} is {size_mm:.3g} mm large; an organ has {least_mm:g} to {most_mm:g} mm. The model may be in another "
+        "unit: write it again in mm."
+    ),
+    "another_frame": _(
+        "{first} lies {direction} {second}. The model may be in another frame (LPS): write it again in RAS, x to the "
+        "right, y to the front, z to the head."
+    ),
 }
 # Words that values may be.
 WORDS = (
@@ -145,6 +175,7 @@ WORDS = (
         _("surface of the generic model"),
         _("closed surface of the region"),
     ),
+    *(_("to the left of"), _("in front of")),
 )
 
 

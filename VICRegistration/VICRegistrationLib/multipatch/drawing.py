@@ -143,6 +143,7 @@ class Drawing:
         direction: Sequence[float],
         *,
         taper: float = 1.0,
+        bow: Sequence[float] = (0.0, 0.0, 0.0),
         fixed: str = "",
     ) -> None:
         """Add a cord: swept from a whole patch, with four sides and a flat end.
@@ -159,11 +160,13 @@ class Drawing:
             In which it arrives there.
         taper : float
             Width at its end, in widths of the foot.
+        bow : (3,) array_like
+            How far the control points between its ends are moved off the way along foot's normal and direction, mm.
         fixed : str
             Group of fixed points that its end belongs to.
         """
         base = self._patch(foot)
-        rows = self._sections(base, np.asarray(end, dtype=float), np.asarray(direction, dtype=float), taper)
+        rows = self._sections(base, np.asarray(end, dtype=float), np.asarray(direction, dtype=float), taper, bow)
         rim = np.ones(base.indices.shape, dtype=bool)
         rim[1:-1, 1:-1] = False
         whole = np.empty((_ROWS, *base.indices.shape), dtype=int)
@@ -198,7 +201,7 @@ class Drawing:
             name=name,
         )
 
-    def _sections(self, base: Patch, end: np.ndarray, direction: np.ndarray, taper: float) -> np.ndarray:
+    def _sections(self, base: Patch, end: np.ndarray, direction: np.ndarray, taper: float, bow) -> np.ndarray:
         """Control points of the cord's sections, (rows, n_u, n_v, 3)."""
         net = np.array([self._points[index] for index in base.indices.ravel()]).reshape(*base.indices.shape, 3)
         surface = BSplineSurface(base.degrees, *base.knots, net)
@@ -207,6 +210,7 @@ class Drawing:
         direction = direction / np.linalg.norm(direction)
         reach = np.linalg.norm(end - center) / 3.0
         hull = np.array([center, center + reach * normal, end - reach * direction, end])
+        hull[1:3] += bow
         axis = np.cross(normal, direction)
         angle = np.arctan2(np.linalg.norm(axis), normal @ direction)
         turn = Rotation.from_rotvec(axis / max(np.linalg.norm(axis), 1e-12) * angle)

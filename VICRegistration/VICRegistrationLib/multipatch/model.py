@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -52,6 +53,10 @@ class Part:
             raise ValueError(msg)
         if self.estimated is None:
             object.__setattr__(self, "estimated", self.kind != "organ")
+
+    def labelled(self, name: str = "") -> str:
+        """Return its name, or that of one of its patches, with " (estimated)" where the image does not show it."""
+        return (name or self.name) + (" (estimated)" if self.estimated else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,15 +166,18 @@ class MultiPatchModel:
     def ranges(self) -> dict[str, slice]:
         """Where each organ's points stand; the free points come after the last of them."""
         first, places = 0, {}
-        for organ, parent in self.parents.items():
-            count = self.cuts[organ].pieces(parent).matrix.shape[0]
-            places[organ] = slice(first, first + count)
-            first += count
+        for organ, matrix in self._matrices.items():
+            places[organ] = slice(first, first + matrix.shape[0])
+            first += matrix.shape[0]
         return places
 
     def organ_matrix(self, organ: str) -> sparse.csr_matrix:
         """Matrix K from an organ's control net to its points: ``K @ parent.control_net.reshape(-1, 3)``."""
-        return self.cuts[organ].pieces(self.parents[organ]).matrix
+        return self._matrices[organ]
+
+    @cached_property
+    def _matrices(self) -> dict[str, sparse.csr_matrix]:
+        return {organ: self.cuts[organ].pieces(parent).matrix for organ, parent in self.parents.items()}
 
     def carried(
         self, parents: Mapping[str, BSplineSurface], carry: Callable[[np.ndarray], np.ndarray]

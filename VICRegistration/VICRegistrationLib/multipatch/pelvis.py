@@ -45,6 +45,8 @@ LANDMARKS = {
     "right pubic tubercle": (24.0, 66.0, -10.0),
     "left pubic tubercle": (-24.0, 66.0, -10.0),
 }
+# The uterosacral ligaments run around the rectum, which lies a little to the right.
+_BOWS = {"right": (14.0, 4.0, 0.0), "left": (10.0, 4.0, 0.0)}
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -97,9 +99,10 @@ def _ligaments(drawing: Drawing, side: str, mirror: np.ndarray) -> None:
     drawing.cord(
         f"{side} uterosacral ligament",
         f"vagina fornix {side} posterior",
-        mirror * (20.0, -62.0, 18.0),
-        mirror * (-0.2, -1.0, 0.2),
-        taper=0.7,
+        mirror * (25.0, -63.0, 18.0),
+        mirror * (-0.1, -1.0, 0.2),
+        taper=0.6,
+        bow=mirror * _BOWS[side],
         fixed="sacrum",
     )
     drawing.cord(

@@ -1,0 +1,223 @@
+"""What is wrong with a model: parts that hang free, folds, parts that pass through organs, another unit or frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
+
+from ..export.surface_data import polydata
+from ..geometry.validity import check_surface
+from ..messages import Diagnostic
+from .model import MultiPatchModel, Part
+from .topology import open_edges, share_of_points, shell
+from .triangles import model_triangles
+
+# Sizes of organs that are believed, mm: the diagonal of the box around one.
+_ORGAN_SIZES = (15.0, 500.0)
+# Deeper inside an organ than this is through its wall, mm. Between 0.02 and 0.5 the built-in pelvis passes, and a cord
+# that was led through the rectum does not.
+_DEEP = 0.1
+# Samples of a patch in each direction.
+_SAMPLES = 13
+# Chord error of the triangles that tell what lies inside a cord, mm.
+_CORD_CHORD = 0.1
+
+
+def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
+    """Look for everything that keeps a model from being used.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Returns
+    -------
+    tuple of Diagnostic
+        Empty for a good model. Whether parts pass through others is looked for only where all hold together.
+    """
+    found = [*_sizes(model), *_frame(model), *_organs(model), *check_connections(model), *_folds(model)]
+    return tuple(found or [*through_organs(model), *through_cords(model)])
+
+
+def check_connections(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
+    """Look for parts that share no points with others, and cords that are no solids.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Returns
+    -------
+    tuple of Diagnostic
+    """
+    found = []
+    for part in model.parts:
+        own = model.patches_of(part.name)
+        if part.kind == "cord":
+            found += _cord(model, part)
+        elif part.kind == "sheet":
+            others = [patch for patch in model.patches if patch.part != part.name]
+            if sum(share_of_points(patch, others) > 1 for patch in own) == 0:
+                found.append(Diagnostic("part_detached", {"part": part.name}))
+    return tuple(found)
+
+
+def require_connected(model: MultiPatchModel) -> None:
+    """Refuse a model whose parts do not hold together.
+
+    Raises
+    ------
+    ValueError
+        With the first sentence of :func:`check_connections`.
+    """
+    found = check_connections(model)
+    if found:
+        msg = f"The model does not hold together: {found[0].sentence()}"
+        raise ValueError(msg)
+
+
+def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
+    """Find sheets and cords that pass through an organ.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Yields
+    ------
+    Diagnostic
+        The deepest place of each part in each organ.
+    """
+    for part in model.parts:
+        if part.kind == "organ":
+            continue
+        points = np.concatenate([patch_samples(model, patch.name) for patch in model.patches_of(part.name)])
+        for organ, parent in model.parents.items():
+            low, high = parent.control_net.min(axis=(0, 1)), parent.control_net.max(axis=(0, 1))
+            near = points[((points > low) & (points < high)).all(axis=1)]
+            if not len(near):
+                continue
+            distances = parent.closest_points(near).distances
+            deepest = int(np.argmin(distances))
+            if distances[deepest] < -_DEEP:
+                depth = {"depth_mm": -float(distances[deepest])}
+                yield Diagnostic(
+                    "passes_through_organ", {"part": part.name, "organ": organ, **depth, **_place(near[deepest])}
+                )
+
+
+def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:
+    """Find sheets and cords that pass through a cord.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Yields
+    ------
+    Diagnostic
+        A place of each part in each cord.
+    """
+    mesh = model_triangles(model, chord_error=_CORD_CHORD)
+    for cord in model.parts:
+        if cord.kind != "cord":
+            continue
+        patches = {patch.name for patch, _ in shell(model, cord)}
+        bounds = polydata(mesh.points, mesh.triangles[np.isin(mesh.patch_of, mesh.numbers(patches))])
+        for part in model.parts:
+            if part.kind == "organ" or part.name == cord.name:
+                continue
+            points = np.concatenate([patch_samples(model, patch.name) for patch in model.patches_of(part.name)])
+            inside = points[_enclosed(points, bounds)]
+            if len(inside):
+                yield Diagnostic("passes_through_cord", {"part": part.name, "cord": cord.name, **_place(inside[0])})
+
+
+def patch_samples(model: MultiPatchModel, patch: str) -> np.ndarray:
+    """Points in the middles of equal intervals of a patch, (n, 3) RAS mm."""
+    surface = model.surface(patch)
+    return surface.points(*surface.midpoints(_SAMPLES, _SAMPLES))
+
+
+def _enclosed(points: np.ndarray, bounds) -> np.ndarray:
+    selection = vtkSelectEnclosedPoints()
+    selection.SetInputData(polydata(points, np.zeros((0, 3), dtype=int)))
+    selection.SetSurfaceData(bounds)
+    selection.SetTolerance(1e-6)
+    selection.Update()
+    return np.array([bool(selection.IsInside(number)) for number in range(len(points))])
+
+
+def _cord(model: MultiPatchModel, part: Part) -> list[Diagnostic]:
+    """Whether a cord stands on its foot and is closed."""
+    foot = model.patch(part.foot)
+    needed = len(np.unique(np.concatenate(list(foot.borders().values()))))
+    found = share_of_points(foot, model.patches_of(part.name))
+    if found < needed:
+        values = {"part": part.name, "foot": foot.name, "found": found, "needed": needed}
+        return [Diagnostic("foot_detached", values)]
+    faces = shell(model, part)
+    return [
+        Diagnostic("part_not_closed", {"part": part.name, "patch": side.patch.name, "side": side.name})
+        for side in open_edges(faces)[:1]
+    ]
+
+
+def _organs(model: MultiPatchModel) -> list[Diagnostic]:
+    """Problems of the closed surfaces."""
+    return [
+        Diagnostic("organ_invalid", {"part": organ, "problem": problem.diagnostic})
+        for organ, parent in model.parents.items()
+        for problem in check_surface(parent)[:1]
+    ]
+
+
+def _folds(model: MultiPatchModel) -> list[Diagnostic]:
+    """Patches, of which normals at neighbouring samples point to opposite sides."""
+    found = []
+    for patch in model.patches:
+        surface = patch.surface(model.points)
+        u, v = surface.midpoints(_SAMPLES, _SAMPLES)
+        normals = surface.normals(u, v).reshape(_SAMPLES, _SAMPLES, 3)
+        turned = np.zeros((_SAMPLES, _SAMPLES), dtype=bool)
+        turned[1:] |= (normals[1:] * normals[:-1]).sum(axis=2) <= 0.0
+        turned[:, 1:] |= (normals[:, 1:] * normals[:, :-1]).sum(axis=2) <= 0.0
+        if turned.any():
+            at = int(np.flatnonzero(turned)[0])
+            point = surface.points(u[at : at + 1], v[at : at + 1])[0]
+            found.append(Diagnostic("patch_folded", {"patch": patch.name, **_place(point)}))
+    return found
+
+
+def _sizes(model: MultiPatchModel) -> list[Diagnostic]:
+    """Organs of a size that no organ has."""
+    low, high = _ORGAN_SIZES
+    return [
+        Diagnostic("another_unit", {"part": organ, "size_mm": parent.size, "least_mm": low, "most_mm": high})
+        for organ, parent in model.parents.items()
+        if not low <= parent.size <= high
+    ]
+
+
+def _frame(model: MultiPatchModel) -> list[Diagnostic]:
+    """Names that say that x runs to the left, or y to the back."""
+    found = []
+    places = {**{part.name: _middle(model, part) for part in model.parts}, **model.landmarks}
+    for name, place in places.items():
+        other = f"left{name[5:]}"
+        if name.startswith("right") and other in places and place[0] < places[other][0]:
+            found.append(Diagnostic("another_frame", {"first": name, "second": other, "direction": "to the left of"}))
+    if {"bladder", "rectum"} <= set(places) and places["bladder"][1] < places["rectum"][1]:
+        values = {"first": "rectum", "second": "bladder", "direction": "in front of"}
+        found.append(Diagnostic("another_frame", values))
+    return found[:1]
+
+
+def _middle(model: MultiPatchModel, part: Part) -> np.ndarray:
+    return model.points[np.concatenate([patch.indices.ravel() for patch in model.patches_of(part.name)])].mean(axis=0)
+
+
+def _place(point: np.ndarray) -> dict[str, float]:
+    return dict(zip("ras", np.asarray(point).tolist()))

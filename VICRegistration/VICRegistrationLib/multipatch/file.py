@@ -1,0 +1,288 @@
+"""Models of several organs as JSON files that lose no bit.
+
+Schema ``vic-registration/model``, version 1, one object with the keys
+
+============= ===========================================================================================
+``schema``    "vic-registration/model"
+``version``   1
+``name``      name of the model, may be empty
+``frame``     "RAS": right, anterior, superior
+``unit``      "mm"
+``organs``    the closed surface of each organ by its name, with the cuts that make patches of it:
+              ``degrees``, ``knots_u``, ``knots_v`` and ``control_net`` as in a surface file; ``cuts_u``
+              around and ``cuts_v`` from pole to pole; ``patches``, a list of names from the lower to the
+              upper cut in v for each cut in u; ``points``, how many points that gives
+``parts``     list of ``name``, ``kind`` ("organ", "sheet" or "cord"), ``thickness`` (mm, of a sheet, else
+              null), ``estimated`` (whether the image does not show it), ``foot`` (of a cord: the patch
+              that it stands on, else "")
+``points``    control points [r, a, s] that belong to no organ
+``patches``   list of ``name``, ``part``, ``degrees``, ``knots_u``, ``knots_v`` and ``indices``: n_u rows of
+              n_v numbers of points. The patches of organs are not in it
+``fixed``     numbers of points that are fixed to bone, by the name of the place
+``landmarks`` places on bone [r, a, s] by their names
+============= ===========================================================================================
+
+Points are numbered from 0: those of the first organ, then of the second, ..., then ``points``. An organ's points are
+those of its net after every cut was inserted as a knot as often as the degree: the pole at v_min; the rows from the
+first cut in u once around, without the poles; the pole at v_max. Other keys are ignored.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..files import replacing
+from ..geometry.surface import BSplineSurface
+from ..geometry.validity import check_place
+from .cuts import OrganCuts
+from .model import MultiPatchModel, Part, Patch, assembled
+
+SCHEMA = "vic-registration/model"
+VERSION = 1
+_KEYS = ("name", "frame", "unit", "organs", "parts", "points", "patches", "fixed", "landmarks")
+_ORGAN_KEYS = ("degrees", "knots_u", "knots_v", "control_net", "cuts_u", "cuts_v", "patches", "points")
+_PART_KEYS = ("name", "kind", "thickness", "estimated", "foot")
+_PATCH_KEYS = ("name", "part", "degrees", "knots_u", "knots_v", "indices")
+
+
+def write_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
+    """Write a model as JSON, replacing the file in one step.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    path : path
+        File to write; its folder must exist.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    with replacing(path) as draft:
+        draft.write_text(model_text(model), encoding="utf-8")
+
+
+def model_text(model: MultiPatchModel) -> str:
+    """Text of a model's file."""
+    ranges = model.ranges()
+    first_free = max(part.stop for part in ranges.values())
+    organs = {
+        name: {
+            "degrees": list(parent.degrees),
+            "knots_u": parent.knots_u.tolist(),
+            "knots_v": parent.knots_v.tolist(),
+            "control_net": parent.control_net.tolist(),
+            "cuts_u": model.cuts[name].u.tolist(),
+            "cuts_v": model.cuts[name].v.tolist(),
+            "patches": [list(column) for column in model.cuts[name].names],
+            "points": ranges[name].stop - ranges[name].start,
+        }
+        for name, parent in model.parents.items()
+    }
+    patches = [
+        {
+            "name": patch.name,
+            "part": patch.part,
+            "degrees": list(patch.degrees),
+            "knots_u": patch.knots[0].tolist(),
+            "knots_v": patch.knots[1].tolist(),
+            "indices": patch.indices.tolist(),
+        }
+        for patch in model.patches
+        if patch.part not in model.parents
+    ]
+    content = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "name": model.name,
+        "frame": "RAS",
+        "unit": "mm",
+        "organs": organs,
+        "parts": [{key: getattr(part, key) for key in _PART_KEYS} for part in model.parts],
+        "points": model.points[first_free:].tolist(),
+        "patches": patches,
+        "fixed": {place: group.tolist() for place, group in model.fixed.items()},
+        "landmarks": {place: list(point) for place, point in model.landmarks.items()},
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def read_model(path: str | os.PathLike) -> MultiPatchModel:
+    """Read a model.
+
+    Parameters
+    ----------
+    path : path
+        File written by :func:`write_model`.
+
+    Returns
+    -------
+    MultiPatchModel
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the file is not a model file that this version understands, or holds no model.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
+    except OSError as error:
+        msg = f"The model file {path} cannot be read ({error.strerror}); give a file that exists."
+        raise OSError(msg) from error
+    except (ValueError, RecursionError) as error:
+        msg = f"The file {path} is not valid JSON ({error}); give a model file as the program writes it."
+        raise ValueError(msg) from error
+    _check_header(content, path)
+    try:
+        return _model_of(content)
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        msg = f"The file {path} holds no model: {error}"
+        raise ValueError(msg) from error
+
+
+def is_model_file(path: str | os.PathLike) -> bool:
+    """Whether a file says that it holds a model."""
+    try:
+        with Path(path).open("rb") as file:
+            return f'"{SCHEMA}"'.encode() in file.read(200)
+    except OSError:
+        return False
+
+
+def _refuse_constant(text: str) -> float:
+    msg = f"{text} is not a number"
+    raise ValueError(msg)
+
+
+def _check_header(content: object, path: Path) -> None:
+    """Refuse everything but this schema, version, frame and unit, with all keys."""
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        found = content.get("schema") if isinstance(content, dict) else None
+        msg = f"The file {path} has the schema {found!r}; {SCHEMA!r} is understood, give a model file."
+        raise ValueError(msg)
+    version = content.get("version")
+    if isinstance(version, bool) or version != VERSION:
+        msg = f"The file {path} has version {version!r}; version {VERSION} is understood, update the program."
+        raise ValueError(msg)
+    missing = [key for key in _KEYS if key not in content]
+    if missing:
+        msg = f"The file {path} lacks {', '.join(missing)}; write the model again with all keys."
+        raise ValueError(msg)
+    for key, needed in (("frame", "RAS"), ("unit", "mm")):
+        if content[key] != needed:
+            msg = f"The file {path} has the {key} {content[key]!r}; convert the model to {needed!r}."
+            raise ValueError(msg)
+    for key, kind in (
+        ("organs", dict),
+        ("parts", list),
+        ("points", list),
+        ("patches", list),
+        ("fixed", dict),
+        ("landmarks", dict),
+        ("name", str),
+    ):
+        if not isinstance(content[key], kind):
+            words = {dict: "an object", list: "a list", str: "text"}
+            msg = f"The file {path} has {key} that are no {words[kind].split()[-1]}; give {words[kind]}."
+            raise ValueError(msg)
+
+
+def _model_of(content: dict) -> MultiPatchModel:
+    """Build the model below a checked header."""
+    parents, cuts = {}, {}
+    for name, organ in content["organs"].items():
+        _require(organ, _ORGAN_KEYS, f"The organ {name!r}")
+        parents[name] = BSplineSurface(
+            _degrees(organ, name),
+            _numbers(organ["knots_u"], f"knots_u of {name!r}", 1),
+            _numbers(organ["knots_v"], f"knots_v of {name!r}", 1),
+            _numbers(organ["control_net"], f"control_net of {name!r}", 3),
+        )
+        check_place(parents[name])
+        cuts[name] = OrganCuts(
+            _numbers(organ["cuts_u"], f"cuts_u of {name!r}", 1),
+            _numbers(organ["cuts_v"], f"cuts_v of {name!r}", 1),
+            tuple(tuple(str(patch) for patch in column) for column in organ["patches"]),
+        )
+    for number, part in enumerate(content["parts"], start=1):
+        _require(part, _PART_KEYS, f"Part {number}")
+    for number, patch in enumerate(content["patches"], start=1):
+        _require(patch, _PATCH_KEYS, f"Patch {number}")
+    points = content["points"]
+    model = assembled(
+        parents,
+        cuts,
+        [Part(**{key: part[key] for key in _PART_KEYS}) for part in content["parts"]],
+        free_points=_numbers(points, "points", 2) if points else (),
+        free_patches=[_patch(patch) for patch in content["patches"]],
+        fixed={place: _whole(group, f"fixed points {place!r}", 1) for place, group in content["fixed"].items()},
+        landmarks={place: _numbers(point, f"landmark {place!r}", 1) for place, point in content["landmarks"].items()},
+        name=content["name"],
+    )
+    for organ, part in model.ranges().items():
+        count, said = part.stop - part.start, content["organs"][organ]["points"]
+        if count != said:
+            msg = f"The organ {organ!r} is said to have {said} points; its net and cuts give {count}."
+            raise ValueError(msg)
+    return model
+
+
+def _patch(entry: Mapping) -> Patch:
+    name = entry["name"]
+    knots = tuple(_numbers(entry[key], f"{key} of {name!r}", 1) for key in ("knots_u", "knots_v"))
+    return Patch(name, entry["part"], _degrees(entry, name), knots, _whole(entry["indices"], f"indices of {name!r}", 2))
+
+
+def _require(entry: object, keys: tuple[str, ...], what: str) -> None:
+    if not isinstance(entry, dict):
+        msg = f"{what} is no object; give its keys {', '.join(keys)}."
+        raise ValueError(msg)
+    missing = [key for key in keys if key not in entry]
+    if missing:
+        msg = f"{what} lacks {', '.join(missing)}."
+        raise ValueError(msg)
+
+
+def _degrees(entry: Mapping, name: str) -> tuple[int, int]:
+    degrees = entry["degrees"]
+    if not (isinstance(degrees, list) and len(degrees) == 2 and all(type(degree) is int for degree in degrees)):
+        msg = f"{name!r} has the degrees {degrees}; give two whole numbers, in u and in v."
+        raise ValueError(msg)
+    return degrees[0], degrees[1]
+
+
+def _numbers(values: object, what: str, dimensions: int) -> np.ndarray:
+    """Turn lists of numbers into an array of that many dimensions."""
+    try:
+        array = np.array(values, dtype=float)
+    except (ValueError, TypeError):
+        array = np.zeros(0)
+    if array.ndim != dimensions or not array.size or (dimensions > 1 and array.shape[-1] != 3):
+        shape = {1: "a list of numbers", 2: "a list of points [r, a, s]", 3: "rows of points [r, a, s]"}[dimensions]
+        msg = f"The {what} are no such lists; give {shape} of equal length."
+        raise ValueError(msg)
+    return array
+
+
+def _whole(values: object, what: str, dimensions: int) -> np.ndarray:
+    """Turn lists of whole numbers into an array of that many dimensions."""
+    try:
+        array = np.array(values)
+    except ValueError:
+        array = np.zeros(0)
+    if array.ndim != dimensions or array.dtype.kind != "i":
+        msg = (
+            f"The {what} are no whole numbers in {'rows of equal length' if dimensions == 2 else 'a list'}; give them."
+        )
+        raise ValueError(msg)
+    return array

@@ -1,0 +1,151 @@
+"""Triangles of a model: patches that share a border share its vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangulation import resolution_for_chord_error
+from .model import MultiPatchModel, Patch
+from .topology import sides
+
+# Intervals of a patch in each direction, at least and at most.
+_LEAST, _MOST = 3, 64
+
+
+@dataclass(frozen=True, eq=False)
+class ModelTriangles:
+    """Triangles of all patches.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    triangles : (m, 3) ndarray of int
+        Counter-clockwise seen from where the patches' normals point.
+    patch_of : (m,) ndarray of int
+        Number of each triangle's patch in the model.
+    names : tuple of str
+        Names of the patches.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    patch_of: np.ndarray
+    names: tuple[str, ...]
+
+    def numbers(self, names: Iterable[str]) -> list[int]:
+        """Numbers of patches with these names."""
+        wanted = set(names)
+        return [number for number, name in enumerate(self.names) if name in wanted]
+
+
+def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> ModelTriangles:
+    """Triangulate all patches.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    chord_error : float
+        Largest distance between triangles and surface, mm; about that where patches are very long and bent.
+
+    Returns
+    -------
+    ModelTriangles
+
+    Raises
+    ------
+    ValueError
+        If the chord error is not positive.
+    """
+    surfaces = [patch.surface(model.points) for patch in model.patches]
+    counts = _counts(model, surfaces, chord_error)
+    vertices = _Vertices()
+    triangles, owners = [], []
+    for number, (patch, surface) in enumerate(zip(model.patches, surfaces)):
+        own = _triangles(vertices.of_patch(patch, surface, counts[number]))
+        triangles.append(own)
+        owners.append(np.full(len(own), number))
+    points = np.array(vertices.points)
+    return ModelTriangles(
+        points, np.concatenate(triangles), np.concatenate(owners), tuple(patch.name for patch in model.patches)
+    )
+
+
+def _counts(model: MultiPatchModel, surfaces: list[BSplineSurface], chord_error: float) -> list[tuple[int, int]]:
+    """Intervals in u and v of every patch: the same on both sides of every border, so along whole chains of patches."""
+    group: dict[object, object] = {}
+
+    def root(key: object) -> object:
+        while group.setdefault(key, key) != key:
+            key = group[key]
+        return key
+
+    needed: dict[object, int] = {}
+    for number, (patch, surface) in enumerate(zip(model.patches, surfaces)):
+        wanted = resolution_for_chord_error(surface, chord_error)
+        for axis in (0, 1):
+            needed[(number, axis)] = int(np.clip(wanted[axis], _LEAST, _MOST))
+        for side in sides(patch):
+            group[root(side.edge)] = root((number, side.axis))
+    most: dict[object, int] = {}
+    for key, count in needed.items():
+        most[root(key)] = max(most.get(root(key), 0), count)
+    return [tuple(most[root((number, axis))] for axis in (0, 1)) for number in range(len(surfaces))]
+
+
+class _Vertices:
+    """Vertices that are made once for every corner and every border."""
+
+    def __init__(self) -> None:
+        self.points: list[np.ndarray] = []
+        self._corners: dict[int, int] = {}
+        self._edges: dict[tuple[int, ...], np.ndarray] = {}
+
+    def of_patch(self, patch: Patch, surface: BSplineSurface, counts: tuple[int, int]) -> np.ndarray:
+        """Numbers of the vertices of a patch, (n_u + 1, n_v + 1)."""
+        axes = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, counts)]
+        points = surface.grid(*axes)
+        vertex = np.full(points.shape[:2], -1)
+        corners = ((0, 0), (-1, 0), (0, -1), (-1, -1))
+        for place in corners:
+            vertex[place] = self._corner(int(patch.indices[place]), points[place])
+        views = {"u_min": vertex[0], "u_max": vertex[-1], "v_min": vertex[:, 0], "v_max": vertex[:, -1]}
+        places = {"u_min": points[0], "u_max": points[-1], "v_min": points[:, 0], "v_max": points[:, -1]}
+        real = {side.name: side for side in sides(patch)}
+        for name, view in views.items():
+            if name not in real:
+                view[:] = view[0]
+                continue
+            side, step = real[name], slice(None) if real[name].same else slice(None, None, -1)
+            if side.edge not in self._edges:
+                inner = self._add(places[name][step][1:-1])
+                self._edges[side.edge] = inner
+            view[1:-1] = self._edges[side.edge][step]
+        new = vertex < 0
+        vertex[new] = self._add(points[new])
+        return vertex
+
+    def _corner(self, index: int, point: np.ndarray) -> int:
+        if index not in self._corners:
+            self._corners[index] = int(self._add(point[None])[0])
+        return self._corners[index]
+
+    def _add(self, points: np.ndarray) -> np.ndarray:
+        first = len(self.points)
+        self.points.extend(points)
+        return np.arange(first, len(self.points))
+
+
+def _triangles(vertex: np.ndarray) -> np.ndarray:
+    """Two triangles for each cell of a grid of vertices, with alternating diagonals; none without an area."""
+    a, b, c, d = vertex[:-1, :-1], vertex[1:, :-1], vertex[1:, 1:], vertex[:-1, 1:]
+    even = (np.add.outer(np.arange(a.shape[0]), np.arange(a.shape[1])) % 2 == 0)[..., None]
+    one = np.where(even, np.stack([a, b, c], -1), np.stack([a, b, d], -1))
+    two = np.where(even, np.stack([a, c, d], -1), np.stack([b, c, d], -1))
+    triangles = np.concatenate([one.reshape(-1, 3), two.reshape(-1, 3)])
+    i, j, k = triangles.T
+    return triangles[(i != j) & (j != k) & (k != i)]
