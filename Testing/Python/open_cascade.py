@@ -68,6 +68,15 @@ def parts(path):
     ]
 
 
+def face_names(path):
+    """Names of the faces that were made of a file."""
+    reader = STEPControl_Reader()
+    assert reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone
+    reader.TransferRoots()
+    made = reader.WS().TransferReader()
+    return [made.EntityFromShapeResult(face, -1).Name().ToCString() for face in faces(reader.OneShape())]
+
+
 def solids(shape):
     return _inside(shape, TopAbs_ShapeEnum.TopAbs_SOLID)
 

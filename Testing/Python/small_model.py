@@ -19,4 +19,4 @@ def egg_with_band():
     drawing = Drawing({"egg": egg()}, {"egg": OrganCuts([0.125, 0.5, 0.75], [0.0, 0.25, 0.75, 1.0], names)})
     drawing.sheet("band", drawing.border("egg middle first", "u_max"), [(-20, -50, 25), (30, -50, 25)], fixed="wall")
     drawing.cord("string", "egg middle second", (5, -45, -10), (0, -1, 0), taper=0.3, fixed="wall")
-    return drawing.model(name="egg", landmarks={"peg": (1.5, 2.25, 1 / 3)})
+    return drawing.model(name="egg with a band", landmarks={"peg": (1.5, 2.25, 1 / 3)})

@@ -133,12 +133,27 @@ def step_text(solids: Sequence[Solid], *, faces: int = 1) -> str:
     """
     _check(solids)
     entities = Entities()
-    products = _Products(entities)
+    products = Products(entities)
     bodies = [add_solid(entities, solid.name, _strips(solid, faces)) for solid in solids]
     parts = [(solid.name, products.add_part(solid.name, body, solid.color)) for solid, body in zip(solids, bodies)]
     if len(parts) > 1:
         products.add_assembly(ASSEMBLY_NAME, parts)
-    return _header(solids) + f"DATA;\n{entities.text()}ENDSEC;\nEND-ISO-10303-21;\n"
+    return file_text([solid.name for solid in solids], entities)
+
+
+def file_text(names: Sequence[str], entities: Entities) -> str:
+    """Text of a file with these products and their instances.
+
+    Parameters
+    ----------
+    names : sequence of str
+    entities : Entities
+
+    Returns
+    -------
+    str
+    """
+    return _header(names) + f"DATA;\n{entities.text()}ENDSEC;\nEND-ISO-10303-21;\n"
 
 
 def _check(solids: Sequence[Solid]) -> None:
@@ -170,12 +185,12 @@ def _strips(solid: Solid, faces: int) -> tuple[BSplineSurface, ...]:
         raise ValueError(msg) from error
 
 
-def _header(solids: Sequence[Solid]) -> str:
+def _header(names: Sequence[str]) -> str:
     """Header section: what is inside, in which frame, and by whom."""
-    what = f"B-spline solids of organs: {', '.join(solid.name for solid in solids)}"
+    what = f"B-spline solids of organs: {', '.join(names)}"
     frame = "LPS mm: x to the left, y to the back, z to the head of the patient (DICOM)"
     program = f"vic-registration {__version__}"
-    name = solids[0].name if len(solids) == 1 else ASSEMBLY_NAME
+    name = names[0] if len(names) == 1 else ASSEMBLY_NAME
     return (
         "ISO-10303-21;\nHEADER;\n"
         f"FILE_DESCRIPTION({listed([string(what), string(frame)])},'2;1');\n"
@@ -206,7 +221,7 @@ class _Product:
     placement: str
 
 
-class _Products:
+class Products:
     """Adds products to the instances of a file.
 
     Parameters
@@ -228,11 +243,14 @@ class _Products:
             entities.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())"),
         ]
 
-    def add_part(self, name: str, solid: str, color: tuple[float, float, float] | None) -> _Product:
-        """Add a product made of a solid, given by its reference, with a colour or without."""
+    def add_part(
+        self, name: str, solid: str, color: tuple[float, float, float] | None, *, sheet: bool = False
+    ) -> _Product:
+        """Add a product made of a solid or an open sheet, given by its reference, with a colour or without."""
         context, placement = self._context(), self._placement()
+        kind = "MANIFOLD_SURFACE" if sheet else "ADVANCED_BREP"
         representation = self._entities.add(
-            f"ADVANCED_BREP_SHAPE_REPRESENTATION({string(name)},{listed([placement, solid])},{context})"
+            f"{kind}_SHAPE_REPRESENTATION({string(name)},{listed([placement, solid])},{context})"
         )
         if color is not None:
             styled = self._styled(solid, color)

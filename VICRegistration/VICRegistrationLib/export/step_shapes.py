@@ -182,7 +182,7 @@ def add_solid(entities: Entities, name: str, strips: Sequence[BSplineSurface]) -
     """
     # Adding zero takes the sign off zeros.
     nets = [strip.control_net * RAS_TO_LPS + 0.0 for strip in strips]
-    surfaces = [_add_surface(entities, strip, net, closed=len(strips) == 1) for strip, net in zip(strips, nets)]
+    surfaces = [add_surface(entities, strip, net, closed=len(strips) == 1) for strip, net in zip(strips, nets)]
     edges = _add_edges(entities, strips, nets, surfaces)
     faces = []
     for number, surface in enumerate(surfaces):
@@ -195,9 +195,9 @@ def add_solid(entities: Entities, name: str, strips: Sequence[BSplineSurface]) -
     return entities.add(f"MANIFOLD_SOLID_BREP({string(name)},{shell})")
 
 
-def _add_surface(entities: Entities, strip: BSplineSurface, net: np.ndarray, *, closed: bool) -> str:
-    """Surface of a strip; `closed` if its last row is its first one."""
-    (knots_u, multiplicities_u), (knots_v, multiplicities_v) = _knots(strip.knots_u), _knots(strip.knots_v)
+def add_surface(entities: Entities, strip: BSplineSurface, net: np.ndarray, *, closed: bool) -> str:
+    """Add the surface of a patch, whose net is LPS mm here; `closed` if its last row is its first one."""
+    (knots_u, multiplicities_u), (knots_v, multiplicities_v) = knots_text(strip.knots_u), knots_text(strip.knots_v)
     rows = listed(listed(entities.point(point) for point in row) for row in net)
     return entities.add(
         f"B_SPLINE_SURFACE_WITH_KNOTS('',{strip.degrees[0]},{strip.degrees[1]},{rows},.UNSPECIFIED.,"
@@ -208,41 +208,48 @@ def _add_surface(entities: Entities, strip: BSplineSurface, net: np.ndarray, *, 
 def _add_edges(entities: Entities, strips, nets, surfaces) -> list[str]:
     """Edge along the first row of every strip, where the strip before it ends."""
     ends = [entities.add(f"VERTEX_POINT('',{entities.point(nets[0][0, end])})") for end in (0, -1)]
-    plane = entities.add(
-        "(GEOMETRIC_REPRESENTATION_CONTEXT(2)PARAMETRIC_REPRESENTATION_CONTEXT()REPRESENTATION_CONTEXT('2D SPACE',''))"
-    )
+    plane = add_parameter_plane(entities)
     kind = "SEAM_CURVE" if len(strips) == 1 else "SURFACE_CURVE"
     edges = []
     for number, (strip, net) in enumerate(zip(strips, nets)):
-        curve = _add_curve(entities, strip, net[0])
+        curve = add_curve(entities, strip.degrees[1], strip.knots_v, net[0])
         # Said in the parameters of both faces too, or readers approximate what is a straight line there.
-        before = _add_line(entities, surfaces[number - 1], strips[number - 1].domain[0][1], plane)
-        own = _add_line(entities, surfaces[number], strip.domain[0][0], plane)
+        before = add_line(entities, surfaces[number - 1], (strips[number - 1].domain[0][1], 0.0), (0.0, 1.0), plane)
+        own = add_line(entities, surfaces[number], (strip.domain[0][0], 0.0), (0.0, 1.0), plane)
         curve = entities.add(f"{kind}('',{curve},({before},{own}),.CURVE_3D.)")
         edges.append(entities.add(f"EDGE_CURVE('',{ends[0]},{ends[1]},{curve},.T.)"))
     return edges
 
 
-def _add_curve(entities: Entities, strip: BSplineSurface, row: np.ndarray) -> str:
-    """Curve of a row of the strip's control net, (n_v, 3)."""
-    knots, multiplicities = _knots(strip.knots_v)
-    points = listed(entities.point(point) for point in row)
+def add_curve(entities: Entities, degree: int, knots: np.ndarray, points: np.ndarray) -> str:
+    """Add the curve over control points (n, 3), LPS mm."""
+    values, multiplicities = knots_text(knots)
+    row = listed(entities.point(point) for point in points)
     return entities.add(
-        f"B_SPLINE_CURVE_WITH_KNOTS('',{strip.degrees[1]},{points},.UNSPECIFIED.,.F.,.F.,{multiplicities},{knots},"
-        ".UNSPECIFIED.)"
+        f"B_SPLINE_CURVE_WITH_KNOTS('',{degree},{row},.UNSPECIFIED.,.F.,.F.,{multiplicities},{values},.UNSPECIFIED.)"
     )
 
 
-def _add_line(entities: Entities, surface: str, u: float, plane: str) -> str:
-    """Line of constant u in the plane of a surface's parameters."""
-    direction = entities.add("DIRECTION('',(0.,1.))")
-    vector = entities.add(f"VECTOR('',{direction},1.)")
-    line = entities.add(f"LINE('',{entities.point((u, 0.0))},{vector})")
+def add_parameter_plane(entities: Entities) -> str:
+    """Add the plane of the parameters of surfaces."""
+    return entities.add(
+        "(GEOMETRIC_REPRESENTATION_CONTEXT(2)PARAMETRIC_REPRESENTATION_CONTEXT()REPRESENTATION_CONTEXT('2D SPACE',''))"
+    )
+
+
+def add_line(
+    entities: Entities, surface: str, origin: tuple[float, float], step: tuple[float, float], plane: str
+) -> str:
+    """Add a line in the parameters of a surface: where it is at 0, and how far it goes in the curve's unit."""
+    length = math.hypot(*step)
+    direction = entities.add(f"DIRECTION('',{listed(real(part / length) for part in step)})")
+    vector = entities.add(f"VECTOR('',{direction},{real(length)})")
+    line = entities.add(f"LINE('',{entities.point(origin)},{vector})")
     representation = entities.add(f"DEFINITIONAL_REPRESENTATION('',({line}),{plane})")
     return entities.add(f"PCURVE('',{surface},{representation})")
 
 
-def _knots(knots: np.ndarray) -> tuple[str, str]:
+def knots_text(knots: np.ndarray) -> tuple[str, str]:
     """Write distinct knots and how often each occurs."""
     values, counts = np.unique(knots, return_counts=True)
     return listed(real(value) for value in values), listed(counts)

@@ -52,12 +52,18 @@ class Shape:
         Red, green and blue from 0 to 1: one, or one for each point; without normals one for each triangle.
     normals : (n, 3) ndarray, optional
         Of the surface at the points, which then looks smooth. Without them triangles are flat and have edges.
+    opacity : float
+        From 0 to 1; with normals only.
+    two_sided : bool
+        Whether triangles are seen from inside too: those of an open surface.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     colours: np.ndarray
     normals: np.ndarray | None = None
+    opacity: float = 1.0
+    two_sided: bool = False
 
 
 @dataclass(frozen=True)
@@ -158,15 +164,21 @@ def _draw_triangles(axes, shapes: Sequence[Shape], view: np.ndarray, finish) -> 
     places = points @ view[:2].T
     (a, b), (c, d) = (np.moveaxis(places[triangles[:, corner]] - places[triangles[:, 0]], -1, 0) for corner in (1, 2))
     # Seen from outside, their corners run counter-clockwise.
-    front = np.flatnonzero(a * d > b * c)
+    both = np.concatenate([np.full(len(shape.triangles), shape.two_sided) for shape in shapes])
+    front = np.flatnonzero((a * d > b * c) | both)
     order = front[np.argsort((points @ view[2])[triangles[front]].mean(axis=1), kind="stable")]
     shades = np.concatenate([_lit(shape, view, finish) for shape in shapes])
     if shapes[0].normals is None:
         style = {"facecolors": shades[order], "edgecolors": _EDGE_COLOUR, "linewidths": 0.2}
         collection = PolyCollection(places[triangles[order]], **style)
-    else:
+    elif all(shape.opacity == 1.0 for shape in shapes):
         collection = TriMesh(Triangulation(*places.T, triangles[order]))
         collection.set_facecolor(np.column_stack([shades, np.ones(len(shades))]))
+    else:
+        # Smooth triangles overlap along their edges, which is seen where they are translucent.
+        opacity = np.concatenate([np.full(len(shape.triangles), shape.opacity) for shape in shapes])
+        colours = np.column_stack([shades[triangles].mean(axis=1), opacity])[order]
+        collection = PolyCollection(places[triangles[order]], facecolors=colours, edgecolors="none", antialiaseds=False)
     axes.add_collection(collection, autolim=False)
     return places.min(axis=0), places.max(axis=0)
 
@@ -177,6 +189,8 @@ def _lit(shape: Shape, view: np.ndarray, finish: tuple[float, float, float]) -> 
     if normals is None:
         normals = area_vectors(shape.points, shape.triangles)
         normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    if shape.two_sided:
+        normals = np.where((normals @ view[2] < 0.0)[:, None], -normals, normals)
     ambient, diffuse, specular = finish
     light = _LIGHT @ view / np.linalg.norm(_LIGHT)
     half = (light + view[2]) / np.linalg.norm(light + view[2])

@@ -1,0 +1,95 @@
+"""Models as VTP files: triangles with the name of their patch and part.
+
+Arrays of the triangles: ``patch`` and ``part``, the names; ``patch_number`` and ``part_number``, from 1 in the order of
+the model; ``estimated``, 1 where the image does not show the part. Names of estimated parts and patches end in
+"(estimated)". Points are LPS mm, and the file says so as those of single organs do.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkPolyData
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+from ..export.surface_data import add_text, polydata, xml_text
+from ..files import replacing
+from ..frames import RAS_TO_LPS
+from .model import MultiPatchModel
+from .triangles import model_triangles
+
+
+def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike, *, chord_error: float = 0.1) -> None:
+    """Write the triangles of a model as a VTP file.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    path : path
+        File to write; its folder must exist.
+    chord_error : float
+        Largest distance between triangles and surface, mm.
+
+    Raises
+    ------
+    ValueError
+        If the chord error is not positive.
+    OSError
+        If the file cannot be written; a file of that name is left as it was.
+    """
+    data = model_polydata(model, axes=RAS_TO_LPS, chord_error=chord_error)
+    add_text(data, "SPACE", "LPS")
+    text = xml_text(vtkXMLPolyDataWriter(), data)
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
+def model_polydata(
+    model: MultiPatchModel, *, axes: np.ndarray = (1.0, 1.0, 1.0), chord_error: float = 0.1
+) -> vtkPolyData:
+    """Triangles of a model, with the arrays above, as VTK data.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    axes : (3,) array_like
+        Signs that points are multiplied by: (-1, -1, 1) for LPS.
+    chord_error : float
+        Largest distance between triangles and surface, mm.
+
+    Returns
+    -------
+    vtkPolyData
+        Neighbouring patches share vertices.
+    """
+    mesh = model_triangles(model, chord_error=chord_error)
+    data = polydata(mesh.points * np.asarray(axes), mesh.triangles)
+    cells = data.GetCellData()
+    parts = [part.name for part in model.parts]
+    part_of = np.array([parts.index(patch.part) for patch in model.patches])[mesh.patch_of]
+    owners = [model.parts[parts.index(patch.part)] for patch in model.patches]
+    names = {
+        "patch": ([part.labelled(patch.name) for part, patch in zip(owners, model.patches)], mesh.patch_of),
+        "part": ([part.labelled() for part in model.parts], part_of),
+    }
+    numbers = {
+        "patch_number": mesh.patch_of + 1,
+        "part_number": part_of + 1,
+        "estimated": np.array([part.estimated for part in model.parts])[part_of].astype(np.uint8),
+    }
+    for key, (words, rows) in names.items():
+        array = vtkStringArray()
+        array.SetName(key)
+        array.SetNumberOfValues(len(rows))
+        for place, row in enumerate(rows.tolist()):
+            array.SetValue(place, words[row])
+        cells.AddArray(array)
+    for key, values in numbers.items():
+        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array.SetName(key)
+        cells.AddArray(array)
+    cells.SetActiveScalars("patch_number")
+    return data
