@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -161,3 +164,12 @@ def test_organs_patches_meet_as_smoothly_as_their_surface(generic):
                     sine = np.linalg.norm(np.cross(*ends), axis=1).max()
                     worst = max(worst, np.degrees(np.arcsin(sine)))
     assert worst < 1e-4
+
+
+def test_the_code_of_the_page_draws_a_good_model(capsys):
+    page = Path(__file__).resolve().parents[2] / "docs" / "generic-model.md"
+    names = {}
+    for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        exec(compile(block, page.name, "exec"), names)
+    assert names["model"].patch("band").part == "band"
+    assert capsys.readouterr().out == "[]\n"

@@ -19,6 +19,7 @@ from . import (
     export_command,
     gaps_command,
     mesh_command,
+    model_command,
     references,
     validators,
 )
@@ -164,9 +165,10 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     compare_command.add_parser(subparsers, _add_command)
     gaps_command.add_parser(subparsers, _add_command)
     mesh_command.add_parser(subparsers, _add_command)
+    model_command.add_parser(subparsers, _add_command)
     options, unknown = parser.parse_known_args(_joined(arguments))
     if unknown:
-        subparsers.choices[options.command].refuse_unknown(unknown[0])
+        options.parser.refuse_unknown(unknown[0])
     return options
 
 
@@ -179,7 +181,7 @@ def _add_command(subparsers, name: str, summary: str, run: Callable, **kwargs) -
         allow_abbrev=False,
         **kwargs,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 

@@ -1,0 +1,157 @@
+"""``vic-registration model``: models of several organs and of what holds them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from ..files import keep_inputs
+from ..multipatch.library import DEFAULT, MODELS, find_model
+from ..multipatch.model import MultiPatchModel
+from . import SOME_FAILED
+from .console import aligned, speaker
+
+_SUFFIXES = (".png", ".json", ".step", ".stp", ".vtp")
+_NAMES = " or ".join(MODELS)
+_EPILOG = f"""\
+A model has organs, cut into named patches, and ligaments, fasciae and a pelvic floor that are attached to them. It is a
+file (schema vic-registration/model), or one of those that ship: {_NAMES}.
+
+examples:
+  vic-registration model show --output pelvis.png
+  vic-registration model show pelvis-fine --output pelvis.step
+  vic-registration model check my_model.json
+"""
+_SHOW_EPILOG = f"""\
+MODEL is a file or {_NAMES} (default: {DEFAULT}). The parts are listed; FILE's ending chooses what is written:
+  .png           a picture from four sides: patches by colour, translucent where the image does not show them
+  .step, .stp    exact faces with the names of the patches: organs and cords as solids, sheets as shells (LPS mm)
+  .vtp           triangles with the names of their patch and part (LPS mm)
+  .json          the model itself, to be changed or fitted (RAS mm)
+Names of parts that the image does not show end in "(estimated)".
+
+examples:
+  vic-registration model show
+  vic-registration model show my_model.json --output my_model.png
+"""
+_CHECK_EPILOG = """\
+Looked for are parts that share no points with others, cords that are not closed, folded patches, organs that are no
+valid solids, sheets and cords that pass through organs or cords, and signs of another unit or frame. Exit status is 3
+if something is wrong, and 2 if the file holds no model.
+
+example:
+  vic-registration model check my_model.json
+"""
+
+
+def add_parser(subparsers, add_command: Callable) -> None:
+    """Add the words of the command.
+
+    Parameters
+    ----------
+    subparsers
+        Of argparse.
+    add_command : callable
+        Makes a parser from subparsers, name, summary and function.
+    """
+    parser = add_command(subparsers, "model", "models of several organs and of what holds them", None, epilog=_EPILOG)
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
+    showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, or {_NAMES}")
+    showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(_SUFFIXES)}")
+    checking = add_command(actions, "check", "look for what is wrong with a model", check, epilog=_CHECK_EPILOG)
+    checking.add_argument("model", metavar="MODEL", help=f"file, or {_NAMES}")
+
+
+def show(options: argparse.Namespace) -> None:
+    """List the parts of a model, and write it if a file was named.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+
+    Raises
+    ------
+    ValueError, OSError, RuntimeError
+        With a sentence for the user.
+    """
+    output = options.output
+    if output is not None:
+        if output.suffix.lower() not in _SUFFIXES:
+            msg = f"--output {output} was given; give a file name that ends in {', '.join(_SUFFIXES)}."
+            raise ValueError(msg)
+        keep_inputs([output], [options.model])
+    model = find_model(options.model)
+    print(parts_table(model))
+    if output is not None:
+        _write(model, output)
+        speaker()(f"written to {output}")
+
+
+def check(options: argparse.Namespace) -> int:
+    """Print what is wrong with a model.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+
+    Returns
+    -------
+    int
+        0, or 3 if something is wrong.
+
+    Raises
+    ------
+    ValueError, OSError
+        With a sentence for the user.
+    """
+    from ..multipatch.check import check_model
+
+    model = find_model(options.model)
+    found = check_model(model)
+    for diagnostic in found:
+        print(diagnostic.sentence())
+    if not found:
+        words = f"{len(model.parts)} parts, {len(model.patches)} patches, {len(model.points)} points"
+        print(f"{options.model}: {words}; nothing is wrong.")
+    return SOME_FAILED if found else 0
+
+
+def parts_table(model: MultiPatchModel) -> str:
+    """List the parts of a model: kind, patches, points and volume or thickness.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Returns
+    -------
+    str
+        A line for each.
+    """
+    rows = [("part", "kind", "patches", "points", "")]
+    for part in model.parts:
+        patches = model.patches_of(part.name)
+        points = len({int(index) for patch in patches for index in patch.indices.ravel()})
+        size = f"{part.thickness:g} mm thick" if part.thickness is not None else ""
+        if part.name in model.parents:
+            size = f"{model.parents[part.name].volume() / 1000.0:.1f} ml"
+        rows.append((part.labelled(), part.kind, str(len(patches)), str(points), size))
+    return aligned(rows)
+
+
+def _write(model: MultiPatchModel, path: Path) -> None:
+    """Write a model in the format of the file's ending."""
+    from ..multipatch.file import write_model
+    from ..multipatch.step import write_model_step
+    from ..multipatch.vtp import write_model_vtp
+
+    writers = {".json": write_model, ".step": write_model_step, ".stp": write_model_step, ".vtp": write_model_vtp}
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        from ..multipatch.picture import draw_model
+
+        draw_model(model, path)
+    else:
+        writers[suffix](model, path)

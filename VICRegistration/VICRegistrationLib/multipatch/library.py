@@ -1,0 +1,41 @@
+"""Models by their names: those that ship, and those in files."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+from .file import read_model
+from .model import MultiPatchModel
+from .pelvis import pelvis
+
+DEFAULT = "pelvis"
+# A model that ships is a function that draws it, and a name.
+MODELS = {DEFAULT: pelvis, "pelvis-fine": partial(pelvis, fine=True)}
+
+
+def find_model(name: str | os.PathLike = DEFAULT) -> MultiPatchModel:
+    """Draw a model that ships, or read one.
+
+    Parameters
+    ----------
+    name : str or path
+        A name in `MODELS`, or a file.
+
+    Returns
+    -------
+    MultiPatchModel
+
+    Raises
+    ------
+    OSError
+        If it is neither a name nor a file that can be read.
+    ValueError
+        If the file holds no model.
+    """
+    if os.fspath(name) in MODELS:
+        return MODELS[os.fspath(name)]()
+    if not os.path.exists(name):
+        msg = f"There is no model or file {os.fspath(name)}; give a file, or one of {', '.join(MODELS)}."
+        raise OSError(msg)
+    return read_model(name)
