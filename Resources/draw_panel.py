@@ -40,9 +40,9 @@ PICTURE = ROOT / "Resources" / "Screenshots" / "panel.png"
 WIDTH = 420
 SPACER = 40  # Height of the .ui file's empty place at the bottom.
 ORGANS = [
-    ("bladder", "#f5b82e", "131.8", "fitted"),
-    ("vagina", "#ea6a9d", "17.2", "separated"),
-    ("rectum", "#4fb477", "", "needs a seed"),
+    ("bladder", "#f5b82e", "131.9", "fitted"),
+    ("vagina", "#ea6a9d", "17.4", "fitted"),
+    ("rectum", "#4fb477", "42.2", "fitted"),
 ]
 BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
@@ -59,7 +59,8 @@ CHOICES = {
 }
 TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
-    "fitStatusLabel": "bladder: 19 iterations, cost 0.021, 0.40 s\nChosen: net 17x11, edge 1.77 mm, smoothness 2.1e-05",
+    "fitStatusLabel": "bladder: 18 iterations, cost 0.022, 0.72 s, 131.9 ± 0.6 ml\n"
+    "Chosen: net 17x11, edge 1.77 mm, smoothness 0.00019",
     "correctStatusLabel": "Press Refit: the surface is up to 4.9 mm from the points.",
     "compareStatusLabel": "Against expert: bladder:\n"
     "mean 0.82 mm (signed +0.10), 95 % 2.40 mm, Hausdorff 5.97 mm, Dice 0.951\nvolume 132.0 ml, reference 130.4 ml",
@@ -306,6 +307,9 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
     for row, (_, color, _, _) in enumerate(organs):
         table.item(row, 0).setIcon(eye_icon())
         table.item(row, 1).setData(Qt.DecorationRole, QColor(color))
+        # The verdict on the surface.
+        if table.item(row, 4).text() == "fitted":
+            table.item(row, 4).setData(Qt.DecorationRole, QColor("#2f9e5b"))
     table.selectRow(0)
     fill_table(panel.findChild(QWidget, "boundaryTable"), BOUNDARY_HEADINGS, points, wide=0)
     for name, choices in CHOICES.items():
@@ -315,6 +319,8 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
     panel.findChild(QWidget, "progressBar").setValue(100)
     # Nothing to cancel, and the organ comes from seeds, with everything automatic.
     panel.findChild(QWidget, "cancelButton").setEnabled(False)
+    # A fit hides the fill.
+    panel.findChild(QWidget, "previewCheck").setChecked(False)
     for name in HIDDEN:
         panel.findChild(QWidget, name).hide()
 
@@ -328,8 +334,18 @@ def read_panel(path: Path = PANEL) -> QWidget:
     return Loader().load(buffer)
 
 
+def section_widths() -> dict[str, int]:
+    """Width in pixels that each section asks for when it is open, by its title."""
+    panel = read_panel()
+    sections = panel.findChildren(Section)
+    for section in sections:
+        section.setProperty("collapsed", False)
+    fill(panel)
+    return {section.property("text"): section.minimumSizeHint().width() for section in sections}
+
+
 def main() -> None:
-    """Write the picture."""
+    """Write the picture, and print how wide the sections are at least."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     QApplication.setStyle("Fusion")
     application = QApplication(sys.argv[:1])
@@ -342,6 +358,8 @@ def main() -> None:
     if not picture.save(str(PICTURE)):
         sys.exit(f"The picture cannot be written to {PICTURE}.")
     print(PICTURE)
+    for title, width in section_widths().items():
+        print(f"{width} px: {title}")
 
 
 if __name__ == "__main__":

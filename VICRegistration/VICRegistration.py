@@ -185,7 +185,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         volumeNode, seeds, thresholds, **organ
             As for :meth:`addOrgan`.
         options : VICRegistrationLib.registration.options.FitOptions, optional
-            How to fit; how to separate is told by the other parameters.
+            How to fit; the other parameters say how to separate.
         boundaryPoints : (n, 3) array_like, optional
             Points that the surface is to pass through, world RAS mm.
         onStep : callable, optional
@@ -194,7 +194,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         Returns
         -------
         VICRegistrationLib.mrml.parameters.OrganParameters
-            Its `surface` is the model node, `convergence` a table, `volumeMl` and `message` tell the result.
+            Its `surface` is the model node, `convergence` a table, `volumeMl` and `message` have the result.
 
         Raises
         ------

@@ -147,7 +147,7 @@ def test_a_segment_with_slices_left_out_between_its_own(tmp_path):
     data = highdicom.seg.segread(path)
     del data.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0].SpacingBetweenSlices
     data.save_as(path)
-    with pytest.raises(ValueError, match="does not tell the distance of its slices"):
+    with pytest.raises(ValueError, match="does not give the distance of its slices"):
         read_label(path)
 
 

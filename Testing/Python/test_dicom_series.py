@@ -207,7 +207,7 @@ def test_images_that_only_numbers_tell_apart_are_taken_in_their_order(tmp_path, 
             instance = time * len(places) + number if by_volume else number * 4 + time
             images.append(single(place, level=100 * time, InstanceNumber=instance + 1))
     folder = write_series(tmp_path / "series", images)
-    assert "4 images at each of its 6 places, told apart by their numbers only" in refusal(folder)
+    assert "4 images at each of its 6 places, distinguished by their numbers only" in refusal(folder)
     found = read_image(folder, frame=3)
     assert farthest(type(found)(found.array - np.int16(200), found.ijk_to_ras)) < 0.05
 

@@ -89,7 +89,7 @@ def content(**values):
             "(EffectiveEchoTime: 10.0, 80.0)",
         ),
         ([content(DimensionIndexValues=[1, time]) for time in (1, 2)], "(dimension 2 index: 1, 2)"),
-        ([{}, {}], "told apart by their numbers only"),
+        ([{}, {}], "distinguished by their numbers only"),
     ],
 )
 @pytest.mark.parametrize("by_volume", [True, False])

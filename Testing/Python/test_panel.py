@@ -71,7 +71,7 @@ def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
         case.add("bladder")
         monkeypatch.setattr("VICRegistrationLib.gui.separate_section.separateOrgan", broken)
         case.placeSeeds("bladder", count=1)
-        assert "the log tells it" in case.ui.regionStatusLabel.text
+        assert "the log has it" in case.ui.regionStatusLabel.text
         assert "MemoryError" in caplog.text
     finally:
         case.tearDown()

@@ -80,6 +80,12 @@ def test_the_panel_stays_narrow(application, name, expanded):
     assert max(asked_widths(panel(expanded=expanded, **CONTENTS[name]), application)) <= WIDEST
 
 
+def test_no_section_is_wide_by_itself(application):
+    widths = draw_panel.section_widths()
+    assert len(widths) == 8
+    assert {title: width for title, width in widths.items() if width > WIDEST - 60} == {}
+
+
 def test_a_table_that_adjusts_to_its_contents_would_be_noticed(application, tmp_path):
     # As the file was once: the panel asked for its own width and a scroll bar, until the views were off the screen.
     text = UI.read_text(encoding="utf-8")

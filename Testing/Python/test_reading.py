@@ -85,7 +85,7 @@ def test_one_frame_in_four_dimensions_is_a_volume(tmp_path):
     assert read_image(tmp_path / "one.nrrd", warn=notes.append).array.shape == (7, 6, 5)
     # ITK names no space for four dimensions.
     assert len(notes) == 1
-    assert "does not tell which way its axes point" in notes[0]
+    assert "does not say which way its axes point" in notes[0]
 
 
 def test_a_dicom_folder_is_a_volume(tmp_path):

@@ -45,12 +45,12 @@ RIGHT = {
     "old_seg_nrrd_layers": [0.974, 0.974],
     "slabs_recentred": ["shifted sideways against their neighbours by up to 12.0 mm"],
     "stl_upper_case": [0.999],
-    "tiff_stack": ["does not tell the distance of its slices in mm"],
+    "tiff_stack": ["does not give the distance of its slices in mm"],
 }
 _TOLD = {
     "gantry_tilt_15deg": "15.0 degrees from perpendicular (a tilted gantry?)",
     "nifti_pixdim_not_sform": "its sform has voxels of 1 x 1 x 3 mm, its pixdim says 1 x 1 x 1 mm",
-    "label_as_vtk_image": "does not tell which way its axes point",
+    "label_as_vtk_image": "does not say which way its axes point",
 }
 
 

@@ -158,7 +158,7 @@ def test_a_space_that_itk_does_not_turn_is_refused(tmp_path):
 )
 def test_pictures_have_no_slice_distance(tmp_path, name, shape):
     sitk.WriteImage(sitk.GetImageFromArray(np.zeros(shape, np.uint8)), str(tmp_path / name))
-    assert "does not tell the distance of its slices in mm; give the DICOM series" in refusal(tmp_path / name)
+    assert "does not give the distance of its slices in mm; give the DICOM series" in refusal(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["a.mrc", "a.mnc"])

@@ -314,7 +314,7 @@ class FitTest(PanelTestCase):
         self.assertEqual(organ.verdict, "good")
         item = self.ui.organsTable.item(0, 4)
         self.assertIn("good", item.toolTip())
-        self.assertIsNotNone(item.data(qt.Qt.BackgroundRole))
+        self.assertIsNotNone(item.data(qt.Qt.DecorationRole))
         organ.verdict, organ.verdictReasons = "poor", "the surface follows no edge"
         self.assertIn("no edge", item.toolTip())
 

@@ -1,7 +1,7 @@
 """The demonstration: ``python -m VICRegistrationLib.demo DIR`` fits three organs in a synthetic pelvic MRI.
 
-It paints an MRI whose organs are known exactly, fits them from seeds as ``vic-registration fit`` does, tells how far
-the fitted surfaces are from the true ones, and writes them as exact STEP solids and as one mesh of tetrahedra.
+It paints an MRI whose organs are known exactly, fits them from seeds as ``vic-registration fit`` does, prints how
+far the fitted surfaces are from the true ones, and writes them as exact STEP solids and as one mesh of tetrahedra.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def organ_name(value: object) -> str:
 
 
 def file_key(name: str) -> str:
-    """Name by which file systems that ignore case or the spelling of accents tell files apart."""
+    """Name by which file systems that ignore case or the spelling of accents distinguish files."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 

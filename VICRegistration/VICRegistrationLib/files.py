@@ -147,7 +147,7 @@ def check_writable(folder: str | os.PathLike) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Reason of an error in one line, without numbers and paths where the system tells them apart."""
+    """Reason of an error in one line, without numbers and paths where the system gives them apart."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(text.split()).rstrip(".;:")
 

@@ -17,7 +17,7 @@ def marked(text: str) -> str:
 
 _ = marked
 
-# A new diagnostic is a new line here. Its values stand in braces, as str.format takes them.
+# A new diagnostic is a new line here. Its values are in braces, as str.format takes them.
 SENTENCES = {
     # The separated region.
     "reaches_border": _(
@@ -30,7 +30,7 @@ SENTENCES = {
         "contour; if it has, narrow the threshold or increase the erosion."
     ),
     "starts_differ": _(
-        "The organ's grey levels hold {grown_ml:.1f} ml together, the shape seen from its middle {shaped_ml:.1f} ml; "
+        "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml; "
         "the one with more of an edge around it was taken. Look at the contour."
     ),
     # Why a surface is no valid solid.
@@ -58,7 +58,7 @@ SENTENCES = {
     "left_surroundings": _("The surface left the surroundings of the region."),
     "far_from_region": _("The surface went {away_mm:.1f} mm away from the region, more than half the organ's radius."),
     "held_closer": _("So it was fitted again, with the net {net}, and held {factor:g} times closer to the region."),
-    "surface_kept": _("However tightly it was held to the region; so the {kept} was kept, with the net {net}."),
+    "surface_kept": _("It did so however closely it was held to the region; the {kept} was kept, with the net {net}."),
     # Why an option is what it is.
     "option_given": _("It was given."),
     "edge_width": _("The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels."),
@@ -67,9 +67,9 @@ SENTENCES = {
         "are taken."
     ),
     "no_edge_width": _("The image shows no clear edge, so {pixels:g} pixels are taken."),
-    "smoothness_to_start": _("It is small, as to start with."),
+    "smoothness_to_start": _("It is small at the start."),
     "noise_along_edge": _(
-        "The image differs from an even edge by {share:.0%} of the contrast, noise and uneven tissue alike, in "
+        "The image differs from an ideal edge by {share:.0%} of the contrast, by noise and uneven tissue together, in "
         "{voxels:,} voxels along it."
     ),
     "finer_net_lowered_cost": _(
@@ -238,7 +238,7 @@ def sentences(diagnostics: Iterable[Diagnostic], translate: Callable[[str], str]
 
 
 def _shown(value: object, translate: Callable[[str], str]) -> object:
-    """Value as it stands in a sentence."""
+    """Value as a sentence shows it."""
     if isinstance(value, Diagnostic):
         return value.sentence(translate)
     if isinstance(value, (list, tuple)):

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 QT = {
     "UserRole": 256,
-    **{"DisplayRole": 0, "EditRole": 2, "ToolTipRole": 3, "BackgroundRole": 8, "ForegroundRole": 9},
+    **{
+        "DisplayRole": 0,
+        "DecorationRole": 1,
+        "EditRole": 2,
+        "ToolTipRole": 3,
+        "BackgroundRole": 8,
+        "ForegroundRole": 9,
+    },
     **{"NoItemFlags": 0, "ItemIsSelectable": 1, "ItemIsEditable": 2, "ItemIsEnabled": 32},
     **{"AlignLeft": 1, "AlignRight": 2, "AlignHCenter": 4, "AlignTop": 32, "AlignVCenter": 128, "AlignCenter": 132},
     **{"Horizontal": 1, "Vertical": 2, "WaitCursor": 3},

@@ -328,7 +328,7 @@ def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    VTK's implicit distance: the side is told by the triangle's normal and, where an edge or a corner is nearest, by
+    VTK's implicit distance: the side follows from the triangle's normal and, where an edge or a corner is nearest, by
     their normals weighted with the angle, which is right for every closed mesh (Baerentzen and Aanaes, 2005).
     """
     points = np.ascontiguousarray(points, dtype=float)

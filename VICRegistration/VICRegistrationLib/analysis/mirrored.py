@@ -12,7 +12,7 @@ from .distances import Reference, ReferenceMesh
 # Of the triangles that stand for the surface, mm.
 _CHORD_ERROR = 0.1
 # A fit and its reference share more than this of their volumes; below, mirror images are tried. Mirror images that
-# share more than `_ALIKE` are told: real pairs of organs and other organs share less.
+# share more than `_ALIKE` get a warning: real pairs of organs and other organs share less.
 _SUSPECTED, _ALIKE = 0.7, 0.8
 _MIRRORS = {
     "left and right, and front and back": (-1.0, -1.0, 1.0),

@@ -20,7 +20,7 @@ from .distances import Reference, ReferenceMesh, closed_mesh, mesh_of_mask, piec
 
 @dataclass(frozen=True, eq=False)
 class ReadReference:
-    """A reference and what its file tells of it.
+    """A reference and what its file says of it.
 
     Parameters
     ----------
@@ -130,5 +130,5 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
 
 
 def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
-    """Tell of stray pieces, whose distances would count."""
+    """Warn of stray pieces, whose distances would count."""
     return () if count < 2 else (Diagnostic("reference_in_pieces", {"reference": reference, "count": count}),)

@@ -178,7 +178,7 @@ def _checked_mesh(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     open_edges = int(np.count_nonzero(uses % 2))
     if open_edges:
         msg = (
-            f"The mesh has {open_edges} open edges; a closed surface is needed to tell inside from outside; "
+            f"The mesh has {open_edges} open edges; a closed surface is needed, which has an inside; "
             "merge its duplicate points or fill its holes."
         )
         raise ValueError(msg)

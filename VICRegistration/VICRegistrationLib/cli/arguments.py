@@ -27,7 +27,7 @@ from .console import argument
 
 # Flags of the options of a fit.
 _FLAGS = {name: "--" + name.replace("_", "-") for name in OPTIONS}
-# Their values may begin with a minus sign, which argparse takes for an option unless it stands for one number; those
+# Their values may begin with a minus sign, which argparse takes for an option unless it is one number; those
 # that must not are to be refused with their own sentence.
 _NUMERIC = (
     *("--seed", "--boundary", "--size", "--wall", "--time-limit", "--volume-error", "--label", "--frame", "--points"),
@@ -222,8 +222,8 @@ def _add_fit(subparsers) -> None:
     which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
     how = fit.add_argument_group("how (the defaults need no tuning)")
     for name, option in OPTIONS.items():
-        told = f"{option.help[0].lower()}{option.help[1:]} (default: {_default(name, option)})"
-        how.add_argument(_FLAGS[name], metavar=option.metavar, type=argument(option.read), help=told.replace("%", "%%"))
+        text = f"{option.help[0].lower()}{option.help[1:]} (default: {_default(name, option)})"
+        how.add_argument(_FLAGS[name], metavar=option.metavar, type=argument(option.read), help=text.replace("%", "%%"))
     how.add_argument(
         "--series", metavar="UID", help="which DICOM series of the folder: its UID, its description or its number"
     )
@@ -278,7 +278,7 @@ def option_table() -> str:
 
 
 def _default(name: str, option: Option) -> str:
-    """Tell what is taken where an option is not given."""
+    """Say what is taken where an option is not given."""
     default = getattr(FitOptions, name)
     return option.automatic if default is None else f"{default} {option.unit}".rstrip()
 

@@ -42,7 +42,7 @@ def fit(options: argparse.Namespace) -> int:
     warn = speaker()
     failed = []
 
-    def told(name: str, sentence: str) -> None:
+    def report_failure(name: str, sentence: str) -> None:
         failed.append(name)
         warn(f"{name}: error: {sentence}")
 
@@ -56,7 +56,7 @@ def fit(options: argparse.Namespace) -> int:
         references=references,
         pictures=not options.no_pictures,
         step=options.step,
-        on_failure=told if options.keep_going else None,
+        on_failure=report_failure if options.keep_going else None,
         say=speaker(options.quiet),
         warn=warn,
     )

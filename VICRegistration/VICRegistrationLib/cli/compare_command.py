@@ -23,7 +23,7 @@ _MOST_POINTS = 10_000_000
 _EPILOG = f"""\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. REFERENCE is
   a label image    that SimpleITK reads (NIfTI, NRRD, .seg.nrrd, ...); --label chooses the organ by value or name
-  a mesh           {", ".join(READABLE_MESHES)}, closed; mm, in the frame that the file tells as Slicer does, else LPS
+  a mesh           {", ".join(READABLE_MESHES)}, closed; mm, in the frame that the file names as Slicer does, else LPS
   a surface        NAME.json, or NAME.vtp with a control net
   a folder         with a file NAME.json, NAME.stl, NAME.nii.gz, ... for each organ
 Of a label image with several labels, the segment that is named like the organ is taken without --label.

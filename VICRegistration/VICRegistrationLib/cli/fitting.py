@@ -213,7 +213,7 @@ def _fitted(
 
 
 class _StageLines:
-    """Tells a line for every stage: called with each step, and once more at the end."""
+    """Writes a line for every stage: called with each step, and once more at the end."""
 
     def __init__(self, name: str, say: Callable[[str], None]) -> None:
         self._name, self._say = name, say
@@ -227,7 +227,7 @@ class _StageLines:
         self._now = time.perf_counter()
 
     def end(self) -> None:
-        """Tell the line of the stage so far."""
+        """Write the line of the stage so far."""
         first, last = self._steps[0], self._steps[-1]
         state = "" if last.converged else ", not converged"
         count = f"{len(self._steps)} iteration{'s' if len(self._steps) > 1 else ''}"

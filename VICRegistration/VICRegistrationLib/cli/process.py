@@ -18,7 +18,7 @@ class Terminated(BaseException):
 # What each signal raises, and who handles it where nobody has asked to.
 _ENDS = {signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}
 _USUAL = (signal.SIG_DFL, signal.default_int_handler)
-# How long to wait until a signal is told again, s.
+# How long to wait until a signal is sent again, s.
 _SOON_S = 0.01
 
 

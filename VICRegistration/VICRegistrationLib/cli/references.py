@@ -35,7 +35,7 @@ class OrganReference:
     asked: Mapping[str, object] = field(default_factory=dict)
 
     def record(self) -> dict[str, object]:
-        """Tell which reference it is as JSON keeps it, for `read_again`."""
+        """Say which reference it is as JSON keeps it, for `read_again`."""
         return {"path": os.path.abspath(self.path), **self.asked}
 
 
@@ -60,7 +60,7 @@ def add_words(group: argparse._ArgumentGroup, *, frame: str = "--frame") -> None
         action="store_true",
         help="only the largest piece of a label or a mesh, its hollows filled",
     )
-    help_text = "frame of a mesh (default: what the file tells, else LPS)"
+    help_text = "frame of a mesh (default: what the file says, else LPS)"
     group.add_argument(frame, dest="mesh_frame", choices=FRAMES, help=help_text)
 
 

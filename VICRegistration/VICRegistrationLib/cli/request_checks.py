@@ -49,7 +49,7 @@ def _check_points(image: Image, word: str, points: Sequence[Sequence[float]], *,
 
 
 def _advice(image: Image, word: str, points: Sequence[Sequence[float]]) -> str:
-    """Tell what was meant, if that can be known, and how to say it."""
+    """Say what was meant, if that can be known, and how to write it."""
     meant = {
         "LPS coordinates (of DICOM, ITK and ITK-SNAP)": np.asarray(points, dtype=float) * (-1.0, -1.0, 1.0),
         "voxel indices i,j,k": _from_indices(image, points),

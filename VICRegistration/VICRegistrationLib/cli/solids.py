@@ -28,7 +28,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     ----------
     paths : sequence of path
         Files .json or .vtp as the program writes them. A surface without a name gets that of its file. A fit's
-        report.json is left out, which is told on stderr.
+        report.json is left out, with a line on stderr.
 
     Returns
     -------

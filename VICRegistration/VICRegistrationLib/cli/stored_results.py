@@ -193,7 +193,7 @@ def read_results(folder: Path) -> StoredResults:
 def image_record(
     image: Image, path: str, series: str | None, frame: int | None = None, warnings: Sequence[str] = ()
 ) -> dict[str, object]:
-    """Tell which image it is, for ``report.json``.
+    """Describe which image it is, for ``report.json``.
 
     Parameters
     ----------

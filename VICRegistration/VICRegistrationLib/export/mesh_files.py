@@ -169,7 +169,7 @@ def write_ply(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
 
 
 def _write_binary(writer, mesh: TriangleMesh, path: str | os.PathLike, *, header_end: bytes, least_size: int) -> None:
-    """Write with a writer of VTK, which does not tell of a full disk: the size after the header does."""
+    """Write with a writer of VTK, which does not report a full disk: the size after the header shows it."""
     writer.SetInputData(polydata(mesh.points * RAS_TO_LPS, mesh.triangles))
     writer.SetFileTypeToBinary()
     with replacing(path) as draft:

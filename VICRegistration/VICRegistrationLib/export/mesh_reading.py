@@ -108,7 +108,7 @@ def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
     Returns
     -------
     SurfaceRecord
-        RAS mm. The name is empty where the file tells none; net and closure are empty.
+        RAS mm. The name is empty where the file has none; net and closure are empty.
 
     Raises
     ------
@@ -122,8 +122,8 @@ def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
     data = _field_data(path)
     surface = surface_in(data, f"file {path}", remedy="give a VTP file as the program writes it")
     name = data.GetAbstractArray("name")
-    told = isinstance(name, vtkStringArray) and name.GetNumberOfValues() == 1
-    return SurfaceRecord(surface, name.GetValue(0) if told else "")
+    has_name = isinstance(name, vtkStringArray) and name.GetNumberOfValues() == 1
+    return SurfaceRecord(surface, name.GetValue(0) if has_name else "")
 
 
 def _header(path: Path) -> bytes:
@@ -160,8 +160,8 @@ def _told_frame(data: vtkPolyData, header: bytes) -> str:
     """Frame that a file is marked with; LPS if there is no mark."""
     array = data.GetFieldData().GetAbstractArray("SPACE")
     if isinstance(array, vtkStringArray) and array.GetNumberOfValues() == 1:
-        told = array.GetValue(0)
+        frame = array.GetValue(0)
     else:
         match = re.search(rb"SPACE=([\w-]+)", header)
-        told = match[1].decode("ascii", "replace") if match else ""
-    return "RAS" if told.upper() in ("RAS", "RIGHT-ANTERIOR-SUPERIOR") else "LPS"
+        frame = match[1].decode("ascii", "replace") if match else ""
+    return "RAS" if frame.upper() in ("RAS", "RIGHT-ANTERIOR-SUPERIOR") else "LPS"

@@ -204,7 +204,7 @@ def _header(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class _Product:
-    """References to what stands for a product.
+    """References to the entities of a product.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from scipy.sparse import csgraph
 
 # Slices across the axis.
 _SLICES = 20
-# An ellipsoid's sections shrink towards its poles; beyond this height they are not told by the measured ones.
+# An ellipsoid's sections shrink towards its poles; beyond this height the measured ones do not determine them.
 _HIGHEST = 0.75
 _SMOOTHING = 0.1
 

@@ -39,7 +39,7 @@ class Parametrization:
         Displacement of the control points (u-major order) along R, A and S by the degrees of freedom of that
         coordinate.
     indices : three (n_k,) ndarray of int
-        Where the degrees of freedom of each coordinate stand in q. Coordinates may share some.
+        Where the degrees of freedom of each coordinate are in q. Coordinates may share some.
     n_dof : int
         Length of q.
     """

@@ -86,7 +86,7 @@ class BSplineSurface:
         object.__setattr__(self, "control_net", net)
 
     def __repr__(self) -> str:
-        """Tell the size of the net, not its points."""
+        """Show the size of the net, not its points."""
         rows, columns = self.control_net.shape[:2]
         return f"BSplineSurface({rows} x {columns} control points of degrees {self.degrees}, {self.size:.3g} mm large)"
 

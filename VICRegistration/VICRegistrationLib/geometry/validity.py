@@ -240,7 +240,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
         return None
     corners = mesh.points[mesh.triangles[pairs]].reshape(-1, 3)
     mesh = triangulate(surface, resolution=tuple(2 * number for number in resolution))
-    # Only the surroundings of what was found are worth the finer look.
+    # Only the surroundings of what was found are looked at more finely.
     margin = np.ptp(corners[:3], axis=0).max()
     inside = (mesh.points >= corners.min(axis=0) - margin) & (mesh.points <= corners.max(axis=0) + margin)
     triangles = mesh.triangles[inside.all(axis=1)[mesh.triangles].any(axis=1)]

@@ -71,7 +71,7 @@ class Command:
     def _failed(self, error):
         # A process that has crashed finishes as well.
         if error == qt.QProcess.FailedToStart:
-            # It may be told while the process is being started.
+            # It may be called while the process is being started.
             qt.QTimer.singleShot(0, lambda: self._onEnd(-1, ""))
 
 

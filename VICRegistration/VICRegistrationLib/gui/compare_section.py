@@ -23,7 +23,7 @@ def _colorings():
         (
             STANDARD_DEVIATION,
             _("Confidence: standard deviation"),
-            _("Fit the organ again; a fit that tells how sure it is brings one along."),
+            _("Fit the organ again; the fit computes it."),
         ),
     )
 

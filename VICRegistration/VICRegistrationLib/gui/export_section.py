@@ -121,7 +121,7 @@ class ExportSection:
             self._tell(
                 _(
                     "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
-                    "install it; if that has failed, the log tells why (Help > Report a Bug)."
+                    "install it; if that has failed, the log has the reason (Help > Report a Bug)."
                 )
             )
             return

@@ -127,7 +127,7 @@ class FitSection:
     def _stepped(self, step):
         organ = self._organ
         if organ.surface is None:
-            # Its deletion is told by the generator, before its next step.
+            # The generator reports its deletion before its next step.
             return
         moveSurface(organ.surface, step.surface)
         if self._isNew:

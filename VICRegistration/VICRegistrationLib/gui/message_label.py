@@ -16,11 +16,12 @@ class MessageLabel:
     Parameters
     ----------
     label : QLabel
-        With links that can be clicked.
+        With links that can be clicked. Its own tooltip is shown where no line is shortened.
     """
 
     def __init__(self, label):
         self._label, self._text, self._isWhole = label, "", False
+        self._toolTip = label.toolTip
         label.connect("linkActivated(QString)", self._linkClicked)
 
     @property
@@ -43,7 +44,7 @@ class MessageLabel:
     def _fill(self):
         first, *others = self._text.split("\n")
         short = [_shortened(line) for line in others]
-        self._label.toolTip = self._text if short != others else ""
+        self._label.toolTip = self._text if short != others else self._toolTip
         if short == others:
             self._label.text = self._text
             return

@@ -12,8 +12,8 @@ from ..mrml.organs import PRESETS
 from .form import fitHeight
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
-# Background of the state by the verdict on the surface.
-_VERDICT_COLOURS = {"good": "#cdeccd", "check": "#ffe9a8", "poor": "#ffc4bd"}
+# Square beside the state by the verdict on the surface: a background would not be seen in the row that is selected.
+_VERDICT_COLOURS = {"good": "#2f9e5b", "check": "#f0a818", "poor": "#d0202a"}
 _ICONS = {True: ":/Icons/Small/SlicerVisible.png", False: ":/Icons/Small/SlicerInvisible.png"}
 
 
@@ -114,10 +114,10 @@ class OrgansTable:
 
     @staticmethod
     def _showVerdict(item, organ):
-        """Colour the state by the verdict on the surface, and tell its reasons beside it."""
+        """Show the verdict on the surface as a colour beside the state, and its reasons as a tooltip."""
         verdict = organ.verdict if organ.surface is not None else ""
         colour = _VERDICT_COLOURS.get(verdict)
-        item.setData(qt.Qt.BackgroundRole, qt.QColor(colour) if colour else None)
+        item.setData(qt.Qt.DecorationRole, qt.QColor(colour) if colour else None)
         if verdict:
             words = {"good": _("good"), "check": _("check"), "poor": _("poor")}
             item.setToolTip("\n".join([_("Verdict: {word}").format(word=words[verdict]), organ.verdictReasons]).strip())

@@ -21,7 +21,7 @@ def ensurePackage(name, requirement, purpose):
     requirement : str
         What pip installs.
     purpose : str
-        What it is needed for, told to the user.
+        What it is needed for, as the user reads it.
 
     Returns
     -------

@@ -140,7 +140,7 @@ class SeparateSection(VTKObservationMixin):
                 self._timer.start()
 
     def separate(self):
-        """Separate the organ now, show its region, and tell its volume or what is wrong."""
+        """Separate the organ now, show its region, and show its volume or what is wrong."""
         organ, volumeNode = self._organ, self._volume
         if organ is None or organ.parameterNode.GetScene() is None or volumeNode.GetScene() is None:
             return
@@ -151,7 +151,7 @@ class SeparateSection(VTKObservationMixin):
         except Exception:
             logging.exception("The separation failed")
             self._message.show(
-                _("The separation failed for a reason that was not foreseen; the log tells it (Help > Report a Bug).")
+                _("The separation failed for a reason that was not foreseen; the log has it (Help > Report a Bug).")
             )
         else:
             volume = _("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}")
@@ -192,7 +192,7 @@ class SeparateSection(VTKObservationMixin):
         )
 
     def _seedsChanged(self, caller=None, event=None):
-        # Also told when the pointer carries a point in and out of a view: nothing has been placed then.
+        # Also called when the pointer carries a point in and out of a view: nothing has been placed then.
         self.refresh()
 
     def _voxelsChanged(self, caller=None, event=None):

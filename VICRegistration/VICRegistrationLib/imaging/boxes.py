@@ -33,5 +33,5 @@ def pieces(mask):
 
 
 def ball_radius(volume: float) -> float:
-    """Radius of the ball of a volume, mm for mm^3; the sign that tells a surface is inside out does not count."""
+    """Radius of the ball of a volume, mm for mm^3; the sign, negative where a surface is inside out, does not count."""
     return (3.0 * abs(float(volume)) / (4.0 * np.pi)) ** (1.0 / 3.0)

@@ -23,7 +23,7 @@ _PLACING = {
     _ORIENTATION: ("ImageOrientationPatient", 6),
     _SPACING: ("PixelSpacing", 2),
 }
-# What may tell images at one place apart, the plainest first.
+# What may distinguish images at one place, the plainest first.
 _TELLING = {
     "0020|0100": "TemporalPositionIdentifier",
     "0018|0086": "EchoNumbers",
@@ -157,12 +157,12 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
     if series is None and len(found) == 1:
         return next(iter(found.values()))
     firsts = {uid: next(iter(files.values())) for uid, files in found.items()}
-    told = {uid: [firsts[uid].get(tag, "") for tag in (_SERIES_DESCRIPTION, _SERIES_NUMBER)] for uid in found}
-    matches = [uid for uid in found if series is not None and series in (uid, *told[uid])]
+    named = {uid: [firsts[uid].get(tag, "") for tag in (_SERIES_DESCRIPTION, _SERIES_NUMBER)] for uid in found}
+    matches = [uid for uid in found if series is not None and series in (uid, *named[uid])]
     if len(matches) == 1:
         return found[matches[0]]
     listing = "; ".join(
-        f"{uid} '{told[uid][0]}'{f', number {told[uid][1]}' * bool(told[uid][1])}, {len(names)} files"
+        f"{uid} '{named[uid][0]}'{f', number {named[uid][1]}' * bool(named[uid][1])}, {len(names)} files"
         for uid, names in found.items()
     )
     reason = "" if series is None else f", and {len(matches) or 'none'} of them match '{series}'"

@@ -37,7 +37,7 @@ class Segment:
     value : int
         Of its voxels.
     name : str
-        Empty where the file tells none.
+        Empty where the file has none.
     layer : int
         Which of the values of a voxel it is; segments of different layers may overlap.
     """
@@ -149,18 +149,18 @@ def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[s
 
 
 def _named_segments(path: Path) -> tuple[list[Segment], int]:
-    """Segments that a file's header tells of, and the number of layers.
+    """Segments that a file's header lists, and the number of layers.
 
     Slicer up to 4.10 wrote a layer for each segment, with the value 1, and neither value nor layer into the header.
     """
     header, layers = read_header(path)
-    told: dict[int, dict[str, str]] = {}
+    listed: dict[int, dict[str, str]] = {}
     for key, text in header.items():
         match = re.fullmatch(r"Segment(\d+)_(ID|Name|LabelValue|Layer)", key)
         if match:
-            told.setdefault(int(match[1]), {})[match[2]] = text
+            listed.setdefault(int(match[1]), {})[match[2]] = text
     segments = []
-    for number, parts in sorted(told.items()):
+    for number, parts in sorted(listed.items()):
         value, layer = parts.get("LabelValue", "1"), parts.get("Layer", str(number if "LabelValue" not in parts else 0))
         if value.isdecimal() and layer.isdecimal() and int(layer) < layers:
             segments.append(Segment(int(value), parts.get("Name", parts.get("ID", "")), int(layer)))

@@ -14,7 +14,7 @@ SOP_CLASSES = tuple(
     f"1.2.840.10008.5.1.4.1.1.{number}"
     for number in ("4.1", "4.3", "2.1", "130", "13.1.1", "13.1.2", "2.2", "4.4", "128.1", "30")
 )
-# What may tell frames at one place apart, besides the dimensions that the file names, the plainest first.
+# What may distinguish frames at one place, besides the dimensions that the file names, the plainest first.
 _TELLING = (
     ("FrameContentSequence", "TemporalPositionIndex"),
     ("FrameContentSequence", "StackID"),
@@ -207,7 +207,7 @@ def _check_step(segmentation, name: str) -> None:
     heights = np.unique(np.round([each.position @ each.normal for each in slices_of(name)], 3))
     if len(heights) < 2 or np.diff(heights).min() > _MOST_THICKNESSES * thickness:
         msg = (
-            f"{name} does not tell the distance of its slices (SpacingBetweenSlices), and its frames do not lie beside "
+            f"{name} does not give the distance of its slices (SpacingBetweenSlices), and its frames do not lie beside "
             "each other; export it again with all of its slices."
         )
         raise ValueError(msg)
@@ -300,7 +300,7 @@ def _dimensions(dataset) -> list[str]:
 
 
 def _properties(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Properties that may tell a frame from others at its place."""
+    """Properties that may distinguish a frame from others at its place."""
     for sequence, keyword in _TELLING:
         value = _element(groups, sequence, keyword)
         if value is not None:

@@ -20,8 +20,9 @@ _NOT_GREY = {32: "complex numbers", 1792: "complex numbers", 128: "colours", 230
 _UNITS = {1: (1e3, "metres"), 3: (1e-3, "micrometres")}
 # Where a single file's voxels begin at the earliest, by version.
 _EARLIEST = {"n+1": 352, "n+2": 544}
-# Two matrices that put a corner of the image farther apart are told, mm; spacings that differ by more, as a fraction.
-_TOLD_MM, _TOLD_SPACING = 0.5, 0.01
+# Two matrices that put a corner of the image farther apart get a warning, mm; so do spacings that differ by more, as a
+# fraction.
+_WARNED_MM, _WARNED_SPACING = 0.5, 0.01
 
 
 def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -57,7 +58,7 @@ def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, l
         _check_error(path, reader.GetErrorCode(), header)
         _check_header(path, header)
         done = reader.GetExecutive().Update()
-        # Where the other half of a pair is missing, VTK tells no more than that it has failed.
+        # Where the other half of a pair is missing, VTK says no more than that it has failed.
         failed = vtkErrorCode.NoError if done else vtkErrorCode.CannotOpenFileError
         _check_error(path, reader.GetErrorCode() or failed, header)
     size = [max(1, header.GetDim(axis)) for axis in (3, 2, 1)]
@@ -132,7 +133,7 @@ def _scaled(array: np.ndarray, header) -> np.ndarray:
 
 
 def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, list[str]]:
-    """Matrix from voxels to RAS mm, and what is to be told of it."""
+    """Matrix from voxels to RAS mm, and warnings about it."""
     scale, unit = _UNITS.get(int(header.GetXYZTUnits()) & 7, (1.0, ""))
     notes = [f"its lengths are in {unit}; they were converted to mm"] if unit else []
     spacing = np.array([header.GetPixDim(axis) for axis in (1, 2, 3)])
@@ -152,7 +153,7 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
         # As ITK and Slicer take it.
         matrix = np.diag([*(spacing * [-1, -1, 1]), 1.0])
         notes.append(
-            "it does not tell where in the patient it is, nor which way its axes point (no sform, no qform); "
+            "it does not say where in the patient it is, nor which way its axes point (no sform, no qform); "
             "they were taken as left, posterior and superior, as 3D Slicer does"
         )
     return np.diag([scale, scale, scale, 1.0]) @ matrix, notes
@@ -174,12 +175,12 @@ def _about_sform(matrix, qform, spacing, shape) -> list[str]:
     """Collect what contradicts the sform."""
     steps = np.linalg.norm(matrix[:3, :3], axis=0)
     notes = []
-    if not np.allclose(steps, spacing, rtol=_TOLD_SPACING, atol=0.0):
+    if not np.allclose(steps, spacing, rtol=_WARNED_SPACING, atol=0.0):
         own, other = (" x ".join(f"{step:.4g}" for step in each) for each in (steps, spacing))
         notes.append(f"its sform has voxels of {own} mm, its pixdim says {other} mm; the sform was taken")
     elif qform is not None:
         corners = np.array(np.meshgrid(*([0, count - 1] for count in shape[::-1]), indexing="ij")).reshape(3, -1)
         apart = np.linalg.norm(((matrix - qform)[:3] @ np.vstack([corners, np.ones(8)])), axis=0).max()
-        if apart > _TOLD_MM:
+        if apart > _WARNED_MM:
             notes.append(f"its qform places it up to {apart:.1f} mm away from its sform; the sform was taken")
     return notes

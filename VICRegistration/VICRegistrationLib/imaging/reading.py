@@ -19,7 +19,7 @@ from .volumes import volume_index
 LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
 # Formats that keep a volume in one file, so that replacing the file replaces the volume at once.
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
-# Axes that are farther from perpendicular are told, degrees: more than the noise of rotations in NIfTI files.
+# Axes that are farther from perpendicular get a warning, degrees: more than the noise of rotations in NIfTI files.
 _TOLD_DEGREES = 0.2
 # ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
@@ -86,7 +86,7 @@ def read_image(
 
 
 def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Voxels, matrix to RAS mm, and what is to be told."""
+    """Voxels, matrix to RAS mm, and warnings."""
     kind = "" if path.is_dir() else sitk.ImageFileReader().GetImageIOFromFileName(str(path))
     if path.is_dir() or kind == "GDCMImageIO" or dicom.is_dicom(path):
         read = dicom.read_file(path, frame) if path.is_file() else dicom.read_series(path, series, frame)
@@ -98,7 +98,7 @@ def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray
 
 
 def read_header(path) -> tuple[dict[str, str], int]:
-    """Read what a file tells of its image without its voxels.
+    """Read what a file says of its image, without its voxels.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
     """Read a file of one of ITK's other formats."""
     if kind in _PICTURES:
         msg = (
-            f"{path} is of a format ({kind.replace('ImageIO', '')}) that does not tell the distance of its slices in "
+            f"{path} is of a format ({kind.replace('ImageIO', '')}) that does not give the distance of its slices in "
             "mm; give the DICOM series it was made of, or a NIfTI, NRRD or MetaImage file."
         )
         raise ValueError(msg)

@@ -48,7 +48,7 @@ class Slice:
     source : (str, int)
         File, and number in the file from 0.
     properties : dict of str to str
-        What may tell it from other images at its place: echo time, time point and so on.
+        What may distinguish it from other images at its place: echo time, time point and so on.
     """
 
     position: np.ndarray
@@ -139,7 +139,7 @@ def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str
         try:
             found += _at_places(group, what)[0]
         except ValueError:
-            # It is no volume, which is told if it is chosen.
+            # It is no volume, which is reported if it is chosen.
             found.append(group)
     planes = ", ".join(f"{len(group)} {group[0].plane}" for group in oriented)
     return found, f"images of {len(oriented)} orientations (a localizer?): {planes}"
@@ -165,7 +165,7 @@ def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], s
         return groups, f"{count} ({' and '.join(key)}: {_listed([_words(value) for value in values])})"
     if min(map(len, places)) == most:
         ordered = [sorted(place, key=_number) for place in places]
-        return [list(group) for group in zip(*ordered)], f"{count}, told apart by their numbers only"
+        return [list(group) for group in zip(*ordered)], f"{count}, distinguished by their numbers only"
     twice = next(place for place in places if len(place) == most)
     (one, number), (other, second) = (each.source for each in twice[:2])
     names = f"{one} and {other}" if one != other else f"frames {number + 1} and {second + 1} of {one}"
@@ -198,7 +198,7 @@ def _places(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def _telling(places: list[list[Slice]], most: int) -> tuple[str, ...]:
-    """Find what tells the images of a place apart, alike at all places: one property, or two together."""
+    """Find what distinguishes the images of a place, alike at all places: one property, or two together."""
     names = list(dict.fromkeys(name for place in places for each in place for name in each.properties))
     for size in (1, 2):
         for key in itertools.combinations(names, size):

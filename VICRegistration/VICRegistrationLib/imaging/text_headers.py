@@ -1,4 +1,4 @@
-"""What the headers of NRRD, MetaImage and VTK files tell of a grid: ITK takes 1 mm and 0 for what they do not."""
+"""What the headers of NRRD, MetaImage and VTK files say of a grid: ITK takes 1 mm and 0 for what they leave out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NO_ORIGIN = "where its first voxel is; that was taken as 0, 0, 0"
 
 
 def notes_about(path: Path, kind: str) -> list[str]:
-    """Check that a file tells the distances of its voxels, and collect what else it does not tell.
+    """Check that a file gives the distances of its voxels, and collect what else it leaves out.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def _about_meta(path: Path, head: str) -> list[str]:
 
 
 def _left_open(has_axes: bool, has_origin: bool) -> list[str]:
-    """Sentence about what places an image and is not told."""
-    missing = [text for text, told in ((_NO_AXES, has_axes), (_NO_ORIGIN, has_origin)) if not told]
-    return [f"it does not tell {text}" for text in missing]
+    """Sentence about what places an image and is left out."""
+    missing = [text for text, given in ((_NO_AXES, has_axes), (_NO_ORIGIN, has_origin)) if not given]
+    return [f"it does not say {text}" for text in missing]
 
 
 def _fields(pattern: str, head: str) -> dict[str, str]:
@@ -95,7 +95,7 @@ def _check_unit(path: Path, unit: str) -> None:
 
 def _no_distances(path: Path, field: str) -> str:
     return (
-        f"{path} does not tell the distances of its voxels (no {field} for each of its three axes); write them into "
+        f"{path} does not give the distances of its voxels (no {field} for each of its three axes); write them into "
         "its header, or give the file that it was made of."
     )
 

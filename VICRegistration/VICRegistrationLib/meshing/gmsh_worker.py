@@ -121,8 +121,8 @@ def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
     gmsh.model.occ.remove(unused, recursive=True)
     regions = _joined(bodies, lumens)
     gmsh.model.occ.synchronize()
-    for name, region, told in zip(names, regions, volumes):
-        _check_cut(name, [gmsh.model.occ.getMass(3, tag) for tag in region], told)
+    for name, region, measured in zip(names, regions, volumes):
+        _check_cut(name, [gmsh.model.occ.getMass(3, tag) for tag in region], measured)
     return regions, volumes
 
 
@@ -135,23 +135,23 @@ def _claimants(names: Sequence[str], outers: Sequence, lumens: Sequence, number:
     return before + [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
 
 
-def _check_cut(name: str, parts: Sequence[float], told: Mapping) -> None:
+def _check_cut(name: str, parts: Sequence[float], measured: Mapping) -> None:
     """Refuse a region of which others take everything, and what Open CASCADE has cut wrongly.
 
-    `parts` are the volumes of the region's solids, `told` what :func:`_claims` measured.
+    `parts` are the volumes of the region's solids, `measured` what :func:`_claims` measured.
     """
-    kept = told["whole"] - sum(told["given"].values())
-    if kept <= _MISCUT * told["whole"]:
+    kept = measured["whole"] - sum(measured["given"].values())
+    if kept <= _MISCUT * measured["whole"]:
         msg = (
             f"Nothing is left of {name}: it lies inside of the organs and lumens that were named before it. Name it "
-            "before the organ that holds it, or leave it out; vic-registration gaps tells how the organs lie to each "
+            "before the organ that holds it, or leave it out; vic-registration gaps shows how the organs lie to each "
             "other."
         )
         raise JobError(msg)
-    if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * told["whole"]:
+    if min(parts, default=0.0) <= 0.0 or abs(sum(parts) - kept) > _MISCUT * measured["whole"]:
         msg = (
             f"gmsh could not cut {name} where it meets its neighbours: they or their walls overlap too much or have "
-            "most of their surfaces in common. Take a thinner wall, correct the surfaces (vic-registration gaps tells "
+            "most of their surfaces in common. Take a thinner wall, correct the surfaces (vic-registration gaps shows "
             "how they lie), or mesh the organs one by one."
         )
         raise JobError(msg)

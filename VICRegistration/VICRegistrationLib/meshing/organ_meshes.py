@@ -41,7 +41,7 @@ def mesh_organs(
         the mesh has common nodes.
     options : MeshOptions, optional
     on_progress : callable, optional
-        Told in one line what is being done. If it raises, gmsh is ended.
+        Called with one line on what is being done. If it raises, gmsh is ended.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Work in a process of its own, which may crash, hang or return nothing without harm: both sides of it.
 
 :func:`run_worker` starts a module and reads its result; in the module, :func:`main` does the job. The job is a JSON
-file in a temporary folder; the worker is told its path, and leaves in the same folder
+file in a temporary folder; the worker gets its path, and leaves in the same folder
 
 ============= =====================================================================================
 ``result.npz`` arrays, written last
@@ -96,7 +96,7 @@ def run_worker(
     time_limit : float
         Seconds after which it is ended; no limit if not given.
     on_progress : callable, optional
-        Told what the worker is doing. If it raises, the work is over.
+        Called with what the worker is doing. If it raises, the work ends.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def _run(module: str, folder: Path, time_limit: float, on_progress) -> int:
 
 
 def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
-    end, told = time.monotonic() + time_limit, ""
+    end, shown = time.monotonic() + time_limit, ""
     while True:
         try:
             return process.wait(_LOOK)
@@ -168,9 +168,9 @@ def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
             )
             raise MesherBroke(msg)
         progress = _text(folder / PROGRESS)
-        if on_progress is not None and progress != told:
+        if on_progress is not None and progress != shown:
             on_progress(progress)
-            told = progress
+            shown = progress
 
 
 def _result(folder: Path, code: int) -> Result:
@@ -237,7 +237,7 @@ class Workplace:
         return (time.monotonic() - self._start) / self.job["time_limit"]
 
     def progress(self, line: str) -> None:
-        """Tell what is being done now."""
+        """Report what is being done now."""
         # Where the other side just reads it, it cannot be replaced (Windows); it will be next time.
         with contextlib.suppress(OSError):
             self._write(PROGRESS, line)

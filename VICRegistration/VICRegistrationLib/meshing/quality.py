@@ -50,20 +50,20 @@ class TetrahedronQuality:
     def lines(self) -> list[str]:
         """Report for people, one fact a line."""
         kind = "linear" if self.order == 1 else "second-order"
-        told = [
+        lines = [
             f"{self.tetrahedra} {kind} tetrahedra, {self.nodes} nodes, {self.inverted} inverted",
             f"scaled Jacobian: min {self.scaled_jacobian_min:.3f}, 1 % {self.scaled_jacobian_1_percent:.3f}, "
             f"mean {self.scaled_jacobian_mean:.3f}",
         ]
         for name, group in self.groups.items():
-            told.append(
+            lines.append(
                 f"{name}: {group['tetrahedra']} tetrahedra, {group['volume'] / 1000.0:.2f} ml, "
                 f"{100.0 * (group['volume_ratio'] - 1.0):+.3f} % of the exact solid"
             )
-        told.extend(
+        lines.extend(
             f"{name}: {group['triangles']} triangles, {group['area']:.0f} mm2" for name, group in self.surfaces.items()
         )
-        return told
+        return lines
 
     def as_json(self) -> dict:
         """Everything as JSON keeps it: null where a number is unknown."""

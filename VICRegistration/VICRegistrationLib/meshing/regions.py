@@ -237,7 +237,7 @@ def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping]) -> dic
 
 
 def claimed_twice(regions: Sequence[Region], measured: Sequence[Mapping]) -> list[Diagnostic]:
-    """Tell of the overlaps that were resolved."""
+    """Report the overlaps that were resolved."""
     return [
         Diagnostic("overlap_resolved", {"first": region.name, "second": other, "volume_mm3": float(lost)})
         for region, volume in zip(regions, measured)

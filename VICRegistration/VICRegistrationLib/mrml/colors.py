@@ -213,6 +213,6 @@ def _extent(modelNode, name):
 
 
 def _roundedUp(value):
-    """1, 2 or 5 times a power of ten that is not below a value, as far as its first digits tell."""
+    """1, 2 or 5 times a power of ten that is not below a value, judged by its first digits."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= 0.999 * value)

@@ -23,7 +23,7 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
     organ : OrganParameters
         Remembers the reference.
     volumeNode : vtkMRMLScalarVolumeNode or None
-        Tells the patient where none is given.
+        Gives the patient where none is given.
     reference : vtkMRMLSegmentationNode or vtkMRMLModelNode
     segmentId : str
         ID of the segment in a segmentation.
@@ -147,7 +147,7 @@ def _told(comparison, name):
 
 
 def _warnings(reference):
-    """Tell of what makes distances look larger than they are."""
+    """Warn of what makes distances look larger than they are."""
     from ..analysis.distances import closed_mesh, pieces
     from ..geometry.surface import BSplineSurface
 

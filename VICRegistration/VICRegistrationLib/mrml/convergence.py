@@ -45,7 +45,7 @@ def createPlot(tableNode, name, color):
     Returns
     -------
     vtkMRMLPlotChartNode
-        Its series is told by :func:`seriesOf`.
+        Its series is given by :func:`seriesOf`.
     """
     left = seriesOfTable(tableNode)
     series = left[0] if left else slicer.mrmlScene.AddNewNodeByClass("vtkMRMLPlotSeriesNode", name)

@@ -106,7 +106,7 @@ def refitSteps(organ, volumeNode):
         image = imageFromVolume(volumeNode)
         followVolume(organ, volumeNode)
         surface = surfaceFromModel(organ.surface, corrected=False)
-        # From where earlier points have not pulled it: a point that is taken back leaves nothing behind.
+        # From where earlier points have not pulled it: a point that is removed leaves nothing behind.
         steps = refit(image, surface, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
         return (yield from book.followed(image, steps))
 
@@ -145,7 +145,7 @@ def boundaryDeviations(organ, volumeNode):
 
 
 def updateVolume(organ):
-    """Tell the volume of an organ's surface again, after the transform that it is under has changed.
+    """Compute the volume of an organ's surface again, after the transform that it is under has changed.
 
     Parameters
     ----------
@@ -258,23 +258,24 @@ class _Bookkeeping:
             # A transform that stretches the organ stretches its error bar.
             error = fit.confidence.volume_sd_ml * organ.volumeMl / (fit.surface.volume() / 1000.0)
             deviation = f" ± {error:.1f}" if error >= 0.1 else f" ± {error:.2f}"
-            told = _("{count} iterations, cost {cost}, {seconds} s, {volume} ml").format(
+            result = _("{count} iterations, cost {cost}, {seconds} s, {volume} ml").format(
                 volume=f"{organ.volumeMl:.1f}{deviation if fit.confidence.volume_calibrated else ''}",
                 count=fit.iterations,
                 cost=f"{fit.cost_final:.3g}",
                 seconds=f"{fit.seconds:.2f}",
             )
             diagnostics = fit_diagnostics(image, fit)
-            organ.message = "\n".join([told, *self._chosen(fit), *map(sentence, diagnostics)])
+            organ.message = "\n".join([result, *self._chosen(fit), *map(sentence, diagnostics)])
             verdict = verdict_of(fit, diagnostics)
             organ.verdict, organ.verdictReasons = verdict.word, "\n".join(map(sentence, verdict.reasons))
 
     def _chosen(self, fit):
-        """Tell in a line what the fit has chosen; no line if everything was given."""
+        """Say in a line what the fit has chosen; no line if everything was given."""
         words = {"net": _("net {value}"), "tau": _("edge {value}"), "smoothness": _("smoothness {value}")}
         automatic = self.organ.chosenByFit()
-        told = [words[choice.option].format(value=choice.value) for choice in fit.choices if choice.option in automatic]
-        return [_("Chosen: {choices}").format(choices=", ".join(told))] if told else []
+        listed = [choice for choice in fit.choices if choice.option in automatic]
+        chosen = [words[choice.option].format(value=choice.value) for choice in listed]
+        return [_("Chosen: {choices}").format(choices=", ".join(chosen))] if chosen else []
 
     def _colorAgain(self):
         """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""
@@ -338,7 +339,7 @@ def _boundaryPoints(organ, volumeNode):
 
 
 def _seedWarnings(organ, volumeNode, image, region):
-    """Tell of seeds outside of a region that was not separated from them."""
+    """Warn of seeds outside of a region that was not separated from them."""
     import numpy as np
 
     if organ.source is not RegionSource.SEGMENT:

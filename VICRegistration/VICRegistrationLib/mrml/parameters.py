@@ -42,14 +42,14 @@ _AUTOMATIC = (*_SEPARATION, *_CHOSEN)
 class _Within(WithinRange):
     """Range of an option's parameter; what is outside is refused by the option's sentence."""
 
-    def __init__(self, option, low, high, told="{}"):
+    def __init__(self, option, low, high, wording="{}"):
         super().__init__(low, high)
-        self._option, self._told = option, told
+        self._option, self._wording = option, wording
 
     def validate(self, value):
         """Refuse a value outside of the range."""
         if not self.minimum <= value <= self.maximum:
-            raise ValueError(self._option.refusal(self._told.format(value)))
+            raise ValueError(self._option.refusal(self._wording.format(value)))
 
 
 def _ranged(name):
@@ -277,7 +277,7 @@ class OrganParameters:
         self._take(values)
 
     def reference(self):
-        """Tell what the surface is to be compared with.
+        """Return what the surface is to be compared with.
 
         Returns
         -------

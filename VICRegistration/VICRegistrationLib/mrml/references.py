@@ -80,7 +80,7 @@ def referenceName(reference, segmentId=""):
 
 
 def segmentIdOf(reference, segment=None):
-    """ID of a segment that is told by its ID, its name, or by being the only one.
+    """ID of a segment that is named by its ID, its name, or by being the only one.
 
     Parameters
     ----------

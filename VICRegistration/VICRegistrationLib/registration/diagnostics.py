@@ -93,7 +93,7 @@ def _unconverged(fit: OrganFit) -> list[Diagnostic]:
 
 
 def _without_edge(fit: OrganFit) -> list[Diagnostic]:
-    """Where the image does not tell where the surface is."""
+    """Where the image does not show where the surface is."""
     found = []
     if fit.cost_final >= _POOR_COST:
         found.append(Diagnostic("no_clear_edge", {"cost": float(fit.cost_final)}))

@@ -37,7 +37,7 @@ _CLOSER = (10.0, 100.0)
 
 
 def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
-    """Tell whether a surface has folded or has gone too far from the separated region.
+    """Find out whether a surface has folded or has gone too far from the separated region.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def within_drift_limit(
     for factor in _CLOSER:
         step, closer = on_region, schedule.closer(factor)
         for stage in (closer.coarse, closer.fine):
-            # Stages are told apart by their names, and surfaces of more than one net may be refused.
+            # Stages are known by their names, and surfaces of more than one net may be refused.
             name = f"{stage.name}, {net}, held {factor:g} times closer"
             step = yield from last_step(replace(stage, name=name), space.at(step.surface))
         if drift(step.surface, schedule.region) is None:

@@ -26,7 +26,7 @@ class Option:
     whole : bool
         Whether only whole numbers are meant.
     or_zero : bool
-        Whether zero is allowed below the least number, and stands for none.
+        Whether zero is allowed below the least number; it means none.
     pair : str
         How two numbers are written, such as "LOW,HIGH"; empty for one.
     ascending : bool
@@ -102,9 +102,9 @@ class Option:
         except (OverflowError, TypeError, ValueError):
             raise ValueError(self.refusal(written)) from None
 
-    def refusal(self, told: str) -> str:
-        """Say that a value, as it is told, is none of this option."""
-        return f"The {self.label} is {told}; it must be {self.needed}."
+    def refusal(self, given: str) -> str:
+        """Say that a value, in the words given, is none of this option."""
+        return f"The {self.label} is {given}; it must be {self.needed}."
 
     def nearest(self, value: float | tuple[float, float]) -> float | tuple[float, float]:
         """Return the number within the limits that is nearest to one that is not zero, or both of two."""

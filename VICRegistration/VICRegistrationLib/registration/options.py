@@ -23,7 +23,7 @@ _GREY_LEVELS = (-1e6, 1e6)
 # Tooltips of the panel.
 WITH_DEFAULT = _("{help}. Default: {default}.")
 LEFT_TO_THE_FIT = _("Leave it to the fit (default): {default}. Untick it to choose yourself.")
-IN_POWERS_OF_TEN = _("It is shown as a power of ten; the left end stands for 0.")
+IN_POWERS_OF_TEN = _("It is shown as a power of ten; the left end means 0.")
 
 
 def _row(default: object, label: str, help: str, automatic: str = "", **values: object):
@@ -171,7 +171,7 @@ class FitOptions:
         None,
         _("smoothness"),
         _("Weight of the bending energy, without unit: ten times as much is ten times as stiff, 0 is none"),
-        _("by noise and uneven tissue, and in how many voxels they are seen; mostly 1e-4 to 4e-4"),
+        _("chosen by noise and uneven tissue, and by the number of voxels in which they are seen"),
         limits=(1e-8, 1.0),
         or_zero=True,
     )
@@ -206,8 +206,8 @@ class FitOptions:
         1.0,
         _("weight of points"),
         _(
-            "How much boundary points count against the image, without unit: 0 leaves them out, 1 brings the surface "
-            "to 0.1 mm of a point that was 5 mm off, 0.1 to about 0.6 mm"
+            "How much boundary points count against the image, without unit: 0 leaves them out, and the larger it is, "
+            "the nearer the surface comes to them"
         ),
         limits=(0.0, 10.0),
     )
@@ -257,7 +257,7 @@ class FitOptions:
             - ``levels`` "organ": one grey level inside and one outside, as A_max and A_min of equation 3.
             - ``smoothness`` 0: there is no bending energy.
             - ``stopping`` "published": the global scaling ends when its parameters vary by less than 0.01, the control
-              points when none moves by more than ``tolerance``, a small number that the paper does not tell, here
+              points when none moves by more than ``tolerance``, a small number that the paper does not give, here
               0.01 mm.
 
         Notes

@@ -47,7 +47,7 @@ class RegionImage:
         return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume
 
     def shape(self, extents: np.ndarray) -> OrganShape:
-        """Tell generic models about the organ; `extents` are its standard deviations along the axes, (3,) mm."""
+        """Describe the organ to generic models; `extents` are its standard deviations along the axes, (3,) mm."""
         return OrganShape(extents, self.distance.array < 0.0, self.distance.ijk_to_ras, self._distances)
 
     def _distances(self, points: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a fit is worth in one word, from what is known without the truth."""
+"""How far a fit can be trusted, in one word, from what is known without the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHARES = ("no_edge_in_places", "no_edge_at_side")
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a fit is worth.
+    """How far a fit can be trusted.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ class ReportedOrgan:
     compared : ComparedOrgan, optional
         If there is a reference.
     verdict : {"good", "check", "poor", ""}
-        What the fit is worth; empty if nobody has judged it.
+        How far the fit can be trusted; empty if that was not computed.
     """
 
     name: str

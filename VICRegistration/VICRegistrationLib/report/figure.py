@@ -135,7 +135,7 @@ def jpeg_bytes(figure) -> bytes:
 def _drawn(figure, **how) -> bytes:
     content = io.BytesIO()
     with warnings.catch_warnings():
-        # Letters that the font does not have are drawn as boxes; a title is not worth a warning.
+        # Letters that the font does not have are drawn as boxes; that needs no warning.
         warnings.simplefilter("ignore", UserWarning)
         figure.savefig(content, **how)
     return content.getvalue()

@@ -1,4 +1,4 @@
-"""What a separation is asked for, and what came out of it: refused, or told as a diagnostic."""
+"""What a separation is asked for, and what came out of it: refused, or reported as a diagnostic."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy import ndimage
 from ..imaging.boxes import ball_box, pieces
 from ..messages import Diagnostic
 
-# More of the volume than any organ worth fitting takes: the region has leaked into the surroundings.
+# More of the volume than any organ takes: the region has leaked into the surroundings.
 _LARGEST_SHARE = 0.6
 # Slices that end within an organ cut it at two faces; with more than one more it is not one organ.
 _MOST_FACES = 4
@@ -100,10 +100,11 @@ def refuse_erosion(image, seeds, voxels, inside, erosion):
     raise ValueError(msg)
 
 
-def refuse_leak(seeds, edges, limits, factor):
-    """Say that what holds together with the seeds is many times what is seen from them."""
+def refuse_leak(image, seeds, edges, limits, factor):
+    """Say that what is connected to the seeds is many times what is seen from them."""
+    low = max(limits.low, float(image.array.min()))
     msg = (
-        f"The grey levels {limits.low:.6g} to {limits.high:.6g} around the seed {place(seeds[0])} run on into more "
+        f"The grey levels {low:.6g} to {limits.high:.6g} around the seed {place(seeds[0])} are connected to more "
         f"than {factor:g} times the {edges.volume / 1000.0:.1f} ml seen from it: that is no organ. Place the seed "
         "deeper in the organ, add a second one, or narrow the threshold."
     )

@@ -124,7 +124,7 @@ def _separated_by_default(image, edges, seeds, limits, dilation, *, most):
             break
     if last is None:
         if absurd:
-            refuse_leak(seeds, edges, limits, most)
+            refuse_leak(image, seeds, edges, limits, most)
         # Not even without erosion: the limits of all that was seen leave a seed out, as between seeds in two tissues.
         lost = int(np.argmin(within_limits(image, limits, seeds)))
         refuse_seed(image, seeds[lost], voxels[lost], limits, suggested=True)

@@ -97,12 +97,12 @@ def cheapest_radii(costs: np.ndarray, *, ratio: float, stiffness: float, most: i
     )
     messages = np.zeros((count, costs.shape[1]), dtype=np.float32)
     for _ in range(_MOST_ROUNDS):
-        told = (costs + gather @ messages)[ball.first] - messages[ball.back]
-        cheapest = told.copy()
+        arriving = (costs + gather @ messages)[ball.first] - messages[ball.back]
+        cheapest = arriving.copy()
         for shift, cost in zip(shifts, price.T):
             here, there = _shifted(shift)
             if shift:
-                np.minimum(cheapest[:, here], told[:, there] + cost[:, None], out=cheapest[:, here])
+                np.minimum(cheapest[:, here], arriving[:, there] + cost[:, None], out=cheapest[:, here])
         cheapest -= cheapest.min(axis=1, keepdims=True)
         change = np.abs(cheapest - messages).max()
         # Half way: messages that run round in circles do not swing.

@@ -1,4 +1,4 @@
-"""Grey levels that tell an organ from its surroundings."""
+"""Grey levels that separate an organ from its surroundings."""
 
 from __future__ import annotations
 
