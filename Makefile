@@ -4,6 +4,7 @@
 #   make test-oldest run them with the oldest Python and packages that are promised
 #   make lint        check style and format
 #   make benchmark   measure accuracy, robustness, time and memory
+#   make figures     measure all that the pages cite, keep it in docs/measured, renew the tables of the pages (hours)
 #   make screenshots draw the README's pictures of Slicer (needs Python 3.10+ and OpenGL, no Slicer)
 #   make reproduce   repeat the paper's validation, table and plots in build/reproduce
 #   make clean       remove everything made by the above
@@ -17,7 +18,7 @@ BIN := $(VENV)/bin
 OLDEST := .venv-oldest
 INSTALL := $(BIN)/python -m pip install -q --disable-pip-version-check
 
-.PHONY: demo test test-oldest lint benchmark reproduce screenshots clean
+.PHONY: demo test test-oldest lint benchmark figures reproduce screenshots clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/python -m VICRegistrationLib.demo build/demo
@@ -34,6 +35,9 @@ lint: $(VENV)/lint.stamp
 
 benchmark: $(VENV)/demo.stamp
 	$(BIN)/python Testing/benchmarks/run.py
+
+figures: $(VENV)/test.stamp
+	$(BIN)/python Testing/benchmarks/run.py --all --write
 
 reproduce: $(VENV)/pictures.stamp
 	$(BIN)/vic-registration reproduce build/reproduce

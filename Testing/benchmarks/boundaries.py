@@ -82,6 +82,7 @@ def report(*, quick: bool) -> str:
     """Pull the demo's organs at many places, outward and inward, and time one correction against a whole fit."""
     pelvis = pelvis_phantom()
     places = PLACES[:2] if quick else PLACES + _MORE_PLACES
+    count = 0
     rows = [["organ", "wall next to it", "points", "left mm", "opposite mm", "far mm", "correction / fit"]]
     again = [["organ", "moved by mm", "at most mm", "again / first"]]
     for name, seed in pelvis.seeds.items():
@@ -89,6 +90,7 @@ def report(*, quick: bool) -> str:
         again.append(_again(name, fit))
         seconds = correction_seconds(pelvis.image, fit, 1 if quick else 5)
         pulls = [pull(pelvis.image, fit, place, height) for place in places for height in (HEIGHT_MM, -HEIGHT_MM)]
+        count += len(pulls)
         for elsewhere, wall in ((False, "meant"), (True, "another")):
             some = [one for one in pulls if one.elsewhere == elsewhere]
             if some:
@@ -98,14 +100,14 @@ def report(*, quick: bool) -> str:
     for found in () if quick else bladders():
         again.append(_again(f"bladder {found.name}", finish(fit_organ(found.image, found.seed))))
     return (
-        f"  One point at a time, {HEIGHT_MM:g} mm outside or inside of the fitted surface; the worst is told.\n"
+        f"  {count} points, one at a time, {HEIGHT_MM:g} mm outside or inside of the fitted surface. Worst values.\n"
         "  left: distance of the point from the surface; opposite: displacement to the other side; far: displacement\n"
         "  beyond half the organ's radius.\n\n" + table(rows) + "\n\n  Fitted again without points:\n\n" + table(again)
     )
 
 
 def _again(name: str, fit: OrganFit) -> list[str]:
-    """Fit a surface again that lies at its edge already, and tell how far it moves."""
+    """Fit a surface again that lies at its edge already, and measure how far it moves."""
     found = finish(refit(fit.image, fit.surface))
     heights = np.abs(moved(fit.surface, found.surface)[1])
     return [name, f"{heights.mean():.2f}", f"{heights.max():.2f}", f"{found.seconds / fit.seconds:.1f}"]

@@ -70,13 +70,13 @@ def report(*, quick: bool) -> str:
         count = Counter(word for place, word, _ in found if place == where)
         rows.append([where, str(sum(count.values())), *(str(count[w]) for w in (*VERDICTS, "refused", "invalid"))])
     good = np.array([away for place, word, away in found if place == "in the lumen" and word == "good"])
-    told = "  None was called good."
+    summary = "  None was called good."
     if len(good):
-        told = (
+        summary = (
             f"  Called good in the lumen: {np.count_nonzero(good < 1.5)} of {len(good)} under 1.5 mm, the worst "
             f"{good.max():.2f} mm; asked for at most {WORST_GOOD_MM:g} mm."
         )
     return (
         "  One click each, default options; invalid: a surface that is no valid solid, asked for none.\n\n"
-        f"{table(rows)}\n\n{told}"
+        f"{table(rows)}\n\n{summary}"
     )

@@ -1,4 +1,4 @@
-"""Whether surfaces are as sure as they say: their true errors against the standard deviations that the fit tells."""
+"""Whether surfaces are as sure as they say: their true errors against the standard deviations of the fit."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def phantom(number: int) -> tuple[float, PelvisPhantom]:
 
 def sureness(organ: str, noise: float, fit: OrganFit, truth: BSplineSurface) -> Sureness:
     """Hold a fit against the true surface."""
-    told = fit.confidence
+    found = fit.confidence
     return Sureness(
         organ=organ,
         noise=noise,
-        errors=closest_points(truth, told.points.reshape(-1, 3)).distances,
-        deviations=told.deviations.ravel(),
-        areas=told.areas.ravel() / told.areas.sum(),
-        volume=(fit.surface.volume() - truth.volume()) / 1000.0 / told.volume_sd_ml,
+        errors=closest_points(truth, found.points.reshape(-1, 3)).distances,
+        deviations=found.deviations.ravel(),
+        areas=found.areas.ravel() / found.areas.sum(),
+        volume=(fit.surface.volume() - truth.volume()) / 1000.0 / found.volume_sd_ml,
     )
 
 
@@ -104,7 +104,7 @@ def row(name: str, results: list[Sureness]) -> list[str]:
 
 
 def widening(results: list[Sureness]) -> float:
-    """Tell by what all standard deviations would have to be multiplied for two of them to hold 95 % of the area."""
+    """Compute by what all standard deviations would have to be multiplied for two of them to hold 95 % of the area."""
     sizes = np.concatenate([np.abs(each.errors) / each.deviations for each in results])
     areas = np.concatenate([each.areas for each in results])
     order = np.argsort(sizes)
@@ -112,7 +112,7 @@ def widening(results: list[Sureness]) -> float:
 
 
 def report(*, quick: bool) -> str:
-    """Tell how much of the surfaces lies within two standard deviations, in all and by organ and noise."""
+    """Measure how much of the surfaces lies within two standard deviations, in all and by organ and noise."""
     results = measured(2 if quick else N_PHANTOMS)
     title = ["fits", "surfaces", "within 2 sd", "5th %", "95th %", "rms error mm", "rms sd mm", "correlation"]
     rows = [[*title, "volumes within 2 sd"], row("all", results)]

@@ -15,7 +15,7 @@ from VICRegistrationLib.registration.organ import finish, fit_organ
 from VICRegistrationLib.registration.refit import refit
 
 N_POINTS = 4000
-# Numbers of points that are told.
+# Numbers of points after which distances are printed.
 CLICKS = (0, 1, 2, 4, 8, 16)
 # The lower threshold is this share of the median grey level in the lumen: dark parts are left out.
 _TOO_HIGH = 0.9

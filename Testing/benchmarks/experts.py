@@ -31,7 +31,7 @@ class Started:
         Of the region that was fitted to, and the experts' lumen.
     seconds : float
         From the click to the surface.
-    told : str
+    surface : str
         What the fit said of itself, or why there is none.
     """
 
@@ -39,7 +39,7 @@ class Started:
     p95: float
     dice: float
     seconds: float
-    told: str
+    surface: str
 
 
 def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
@@ -51,7 +51,7 @@ def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
         return Started(np.inf, np.inf, 0.0, time.perf_counter() - start, str(error).split(";")[0])
     seconds = time.perf_counter() - start
     away = np.abs(closest_points(fit.surface, points).distances)
-    return Started(float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit), seconds, told(fit))
+    return Started(float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit), seconds, kind(fit))
 
 
 def overlap(bladder: Bladder, fit: OrganFit) -> float:
@@ -64,7 +64,7 @@ def overlap(bladder: Bladder, fit: OrganFit) -> float:
     return float(2.0 * np.count_nonzero(masks[0] & masks[1]) / sum(map(np.count_nonzero, masks)))
 
 
-def told(fit: OrganFit) -> str:
+def kind(fit: OrganFit) -> str:
     """What a fit says of itself."""
     return ", ".join(problem.kind for problem in fit.problems) or "valid"
 
@@ -82,25 +82,23 @@ def report(*, quick: bool) -> str:
         seconds[bladder.name] = np.median([one.seconds for one in found])
         rows += [
             [bladder.name, str(number or "deepest"), f"{one.mean:.2f}", f"{one.p95:.2f}", f"{one.dice:.3f}"]
-            + [f"{one.seconds:.1f}", one.told]
+            + [f"{one.seconds:.1f}", one.surface]
             for number, one in enumerate(found)
         ]
     if not deepest:
         return "  The data is absent."
     slowest = max(seconds, key=seconds.get)
-    lines = [
-        f"{np.count_nonzero(np.array(found) < limit)} of {len(found)} under {limit:g} mm from {where}"
-        for where, found in (("the deepest place", deepest), ("anywhere", anywhere))
-        for limit in (DEEPEST_MM, ANYWHERE_MM)
-        if found
-    ]
+    summary = [["clicks", "number", *(f"under {limit:g} mm" for limit in (DEEPEST_MM, ANYWHERE_MM)), "worst mm"]]
+    for where, found in (("at the deepest place", deepest), ("anywhere", anywhere)):
+        under = [str(np.count_nonzero(np.array(found) < limit)) for limit in (DEEPEST_MM, ANYWHERE_MM)]
+        summary += [[where, str(len(found)), *under, f"{max(found):.2f}"]] if found else []
     return "\n\n".join(
         [
             "  One click and default options. Distances: from points of the experts' lumen to the fitted surface. "
             "Dice: of the\n  separated region. Deepest: the place in the lumen that is farthest from its wall; others: "
             "anywhere in it, at random.",
             table(rows),
-            "\n".join(f"  {line}" for line in lines),
+            table(summary),
             f"  The slowest, {slowest}, takes {seconds[slowest] / np.median(list(seconds.values())):.1f} times as long "
             "as the median one (medians over the places).",
         ]

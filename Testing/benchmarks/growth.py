@@ -57,7 +57,7 @@ def grown(names: Sequence[str], sizes: Sequence[int], jobs: Sequence[Callable[[]
     for name, size, passed, held in zip(names, sizes, times, memory):
         ratios = (f"{a / b:.1f}" for a, b in ((size, sizes[0]), (passed, times[0]), (held, memory[0])))
         rows.append([name, str(size), f"{1e3 * passed:.0f}", f"{held:.1f}", *ratios])
-    return table(rows) + f"\n  time ~ size^{exponent(sizes, times):.2f}, memory ~ size^{exponent(sizes, memory):.2f}"
+    return table(rows) + f"\n\n  time ~ size^{exponent(sizes, times):.2f}, memory ~ size^{exponent(sizes, memory):.2f}"
 
 
 def report(*, quick: bool) -> str:
@@ -83,10 +83,10 @@ def report(*, quick: bool) -> str:
             f"  Local fit: {ITERATIONS} iterations on the grey levels; all that depends on the net is set up anew.\n"
             "  Memory: peak beyond the image, as tracemalloc sees it (numpy's arrays, not those inside of LAPACK or "
             "SuperLU).",
-            "  Samples of the surface (net 9 x 7, 5 depths each):\n" + samples,
-            "  Control points (4 samples for each span, in u and in v):\n" + points,
+            "  Samples of the surface (net 9 x 7, 5 depths each):\n\n" + samples,
+            "  Control points (4 samples for each span, in u and in v):\n\n" + points,
             "  Voxels (fit_region with default options: all stages; the net is chosen, the ramp follows the voxels):\n"
-            + voxels(quick=quick),
+            "\n" + voxels(quick=quick),
         ]
     )
 

@@ -53,7 +53,7 @@ def box_of(label: Region) -> np.ndarray:
 
 
 def farthest_from_start(fit: OrganFit) -> float:
-    """Tell how far a surface goes from the region it started from, mm."""
+    """Compute how far a surface goes from the region it started from, mm."""
     return float(np.abs(distances_from(mesh_of_mask(fit.region.image), fit.confidence.points.reshape(-1, 3))).max())
 
 
@@ -61,9 +61,9 @@ def row(case: Hippocampus, start: str, region: Region) -> list[str]:
     """Fit from a region: one line of the table."""
     fit = finish(fit_region(case.image, region))
     reference = mesh_of_mask(case.label.image)
-    found, told = deviation(fit.surface, reference), fit.confidence
-    errors = np.abs(distances_from(reference, told.points.reshape(-1, 3)))
-    covered = told.areas.ravel() @ (errors <= 2.0 * told.deviations.ravel()) / told.areas.sum()
+    found, confidence = deviation(fit.surface, reference), fit.confidence
+    errors = np.abs(distances_from(reference, confidence.points.reshape(-1, 3)))
+    covered = confidence.areas.ravel() @ (errors <= 2.0 * confidence.deviations.ravel()) / confidence.areas.sum()
     return [
         f"{case.name}, from its {start}",
         f"{found.mean:.2f}",
@@ -71,9 +71,9 @@ def row(case: Hippocampus, start: str, region: Region) -> list[str]:
         f"{found.mean_signed:+.2f}",
         ", ".join(problem.kind for problem in fit.problems) or "none",
         f"{farthest_from_start(fit):.1f}",
-        f"{np.median(told.deviations):.1f}",
+        f"{np.median(confidence.deviations):.1f}",
         f"{covered:.0%}",
-        f"{told.unsupported_share:.0%}",
+        f"{confidence.unsupported_share:.0%}",
         "{}x{}".format(*fit.options.net),
     ]
 
@@ -90,6 +90,6 @@ def report(*, quick: bool) -> str:
         rows += [row(case, "box", case.box), row(case, "label", case.label)]
     return (
         "  Deviation from the label of voxels of 1 mm, default options. Farthest: of the surface from the region "
-        "it started\n  from. sd: the median of what the fit tells of itself; within 2 sd: share of its area "
+        "it started\n  from. sd: the median of the fit's standard deviations; within 2 sd: share of its area "
         "that is no farther\n  from the label; no edge: share that follows none.\n\n" + table(rows)
     )

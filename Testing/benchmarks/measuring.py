@@ -45,10 +45,11 @@ def exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
-    """Columns of even width, the first to the left and the others to the right; the first row is the title."""
+    """Markdown table with columns of even width, the first to the left and the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows)]
-    lines = [
-        "  " + "   ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:]))]).rstrip()
+    title, *lines = [
+        "  | " + " | ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:]))]) + " |"
         for row in rows
     ]
-    return "\n".join([lines[0], "  " + "-" * (sum(widths) + 3 * len(widths) - 3), *lines[1:]])
+    rule = "  |" + "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])]) + "|"
+    return "\n".join([title, rule, *lines])

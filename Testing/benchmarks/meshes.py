@@ -52,11 +52,24 @@ def _known(quick: bool) -> str:
                 numbers = [f"{found.tetrahedra}", f"{found.inverted}", f"{found.scaled_jacobian_min:.3f}"]
                 off = f"{100.0 * (found.volume_ratio - 1.0):+.2f}"
                 rows.append([name, f"{size:g}", f"{order}", *numbers, off, f"{seconds / unit:.1f}"])
-    return "  Jacobians are scaled: 1 is the best, 0 is flat. Volume against the exact solid.\n\n" + table(rows)
+    about = "  Jacobians are scaled: 1 is the best, 0 is flat. Volume against the exact solid."
+    return f"{about}\n\n{table(rows)}\n\n  The worst of all organs:\n\n{table(_worst(rows[1:]))}"
+
+
+def _worst(rows: list[list[str]]) -> list[list[str]]:
+    """Worst values of all organs for each order and size."""
+    found = [["elements", "meshes", "inverted", "least Jacobian", "volume, lowest %", "volume, highest %"]]
+    for order, size in sorted({(row[2], float(row[1])) for row in rows}):
+        some = [row for row in rows if (row[2], float(row[1])) == (order, size)]
+        volumes = sorted(float(row[6]) for row in some)
+        name = f"{'linear' if order == '1' else 'second order'}, {size:g} mm"
+        inverted, least = sum(int(row[4]) for row in some), min(float(row[5]) for row in some)
+        found.append([name, str(len(some)), str(inverted), f"{least:.3f}", *(f"{volumes[i]:+.2f}" for i in (0, -1))])
+    return found
 
 
 def _random(count: int) -> str:
-    """Mesh so many valid random organs; tells those that fail and those of poor shape."""
+    """Mesh so many valid random organs; lists those that fail and those of poor shape."""
     poor, failed, seed, meshed = [], [], 0, 0
     while meshed + len(failed) < count:
         surface = random_organ(seed)

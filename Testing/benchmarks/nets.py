@@ -16,7 +16,7 @@ NETS = ((9, 7), (17, 11), (33, 19))
 
 
 def report(*, quick: bool) -> str:
-    """Fit every organ with each net, whatever the criterion would choose; and tell what it chooses, and why."""
+    """Fit every organ with each net, whatever the criterion would choose; and print what it chooses, and why."""
     found = bladders()
     cases = [*demo_cases(), *(real_case(bladder) for bladder in found[: 0 if quick else None])]
     reasons = []

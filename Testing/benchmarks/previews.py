@@ -22,7 +22,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 def report(*, quick: bool) -> str:
     """Compare a refreshed preview with one pass of labelling; skipped without Slicer's MRML library."""
     if importlib.util.find_spec("slicer") is None:
-        return "  Skipped: slicer-core is not installed (vicregistration[test])."
+        return "  Skipped: slicer-core is not installed (pip install '.[test]' in a clone)."
     seconds = preview_seconds(organ_volume(SIZE, SPACING), 3 if quick else 15)
     preview, label = seconds["preview"], seconds["label"]
     return "\n\n".join(

@@ -70,7 +70,7 @@ def report(*, quick: bool) -> str:
         valid += not fit.problems
         rows.append([found.mean, found.p95, found.maximum])
         volumes.append(surface.volume() / 1000.0)
-    title = ["", "mean mm", "95 % mm", "largest mm"]
+    title = ["organs of random shape", "mean mm", "95 % mm", "largest mm"]
     values = np.array(rows)
     lines = [
         [name, *(f"{value:.2f}" for value in np.percentile(values, percent, axis=0))]

@@ -73,7 +73,7 @@ def trials(phantom: PelvisPhantom, organ: str, number: int, random: np.random.Ge
 
 
 def report(*, quick: bool) -> str:
-    """Tell by how much seeds and grey levels change the result."""
+    """Measure by how much seeds and grey levels change the result."""
     n_phantoms, number = (1, 1) if quick else (4, 10)
     rows = [
         ["organ", "noise", "mean mm", "95 % mm", "trials", "largest change mm", f"beyond {ALLOWED_MM} mm", "failed"]
@@ -86,8 +86,8 @@ def report(*, quick: bool) -> str:
             results.append(found)
             beyond = str(np.count_nonzero(found.changes > ALLOWED_MM))
             largest = f"{found.changes.max(initial=0.0):.3f}"
-            told = [f"{found.base.mean:.3f}", f"{found.base.p95:.2f}", str(number), largest, beyond]
-            rows.append([organ, str(seed), *told, str(len(found.failures))])
+            sizes = [f"{found.base.mean:.3f}", f"{found.base.p95:.2f}", str(number), largest, beyond]
+            rows.append([organ, str(seed), *sizes, str(len(found.failures))])
     changes = np.concatenate([found.changes for found in results])
     failures = [failure for found in results for failure in found.failures]
     return "\n\n".join(

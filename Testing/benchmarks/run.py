@@ -14,6 +14,8 @@ import sys
 import time
 from collections.abc import Sequence
 
+import records
+
 # Threads of linear algebra on cores that other programs use too would be measured instead of the work: matrices are
 # small here, and waiting for a busy core takes many times longer than they do. To be set before numpy is imported,
 # which is why the cases are imported late.
@@ -27,7 +29,7 @@ BENCHMARKS = {
     "constants": ("constants.report", "Half and twice each constant of the separation"),
     "nets": ("nets.report", "Control nets of different sizes"),
     "robustness": ("robustness.report", "Seeds and grey levels moved at random"),
-    "confidence": ("confidence.report", "Errors against the standard deviations that fits tell"),
+    "confidence": ("confidence.report", "Errors against the standard deviations of the fits"),
     "tubes": ("tubes.report", "Long, bent organs"),
     "shapes": ("random_organs.report", "Organs of random shape"),
     "hippocampus": ("hippocampus.report", "Hippocampi in brain MRI, started from a box"),
@@ -39,13 +41,16 @@ BENCHMARKS = {
     "corrections": ("corrections.report", "Boundary points where the start is wrong"),
     "preview": ("previews.report", "The preview in Slicer"),
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
+    "kills": ("kills.report", "Fits that are killed at random moments"),
+    "reproduce": ("reproduced.report", "The paper's validation"),
+    "clone": ("fresh_clone.report", "The two commands in a fresh clone"),
 }
 # Left out unless asked for.
-LONG = ("confidence", "meshes", "clicks", "constants")
+LONG = ("confidence", "meshes", "clicks", "constants", "kills", "clone")
 
 
 def report(name: str, *, quick: bool) -> str:
-    """Measure a case and tell about it; its module is imported here, after the threads are set."""
+    """Measure a case and describe it; its module is imported here, after the threads are set."""
     module, _, function = BENCHMARKS[name][0].partition(".")
     return getattr(importlib.import_module(module), function)(quick=quick)
 
@@ -79,7 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--all", action="store_true", help="also what takes a quarter of an hour or more: " + ", ".join(LONG)
     )
     parser.add_argument("--only", metavar="NAME", choices=tuple(BENCHMARKS), help=f"one of {', '.join(BENCHMARKS)}")
+    parser.add_argument(
+        "--write", action="store_true", help="keep what is printed in docs/measured, and renew the tables of the pages"
+    )
     options = parser.parse_args(arguments)
+    if options.write and options.quick:
+        parser.error("--write keeps full measurements: leave --quick out")
     os.environ.setdefault(THREADS, "1")
     print(f"Benchmark of VICRegistration\n{machine()}", flush=True)
     for name, (_, title) in BENCHMARKS.items():
@@ -87,7 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             start = time.perf_counter()
             text = report(name, quick=options.quick)
             print(f"\n{title} ({name}, {time.perf_counter() - start:.0f} s)\n\n{text}", flush=True)
-    return 0
+            if options.write:
+                records.write_record(name, title, machine(), text)
+    return records.main() if options.write else 0
 
 
 if __name__ == "__main__":

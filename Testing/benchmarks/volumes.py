@@ -42,7 +42,7 @@ def separation_report(*, quick: bool) -> str:
             "  label: one pass of scipy.ndimage.label(volume > t) over the volume.",
             table(
                 [
-                    ["", "separate / label", "separate ms", "label ms"],
+                    [f"in {' x '.join(map(str, SIZE))} voxels", "separate / label", "separate ms", "label ms"],
                     [
                         "separation",
                         f"{ratio(seconds['separate'], seconds['label']):.2f}",
