@@ -35,7 +35,7 @@ KEYS = {
 }
 NEEDED_KEYS = {"$schema", "category", "scm_url"}
 # Run in processes of their own, and never imported.
-PROGRAMS = {"gmsh_worker.py": {"gmsh"}}
+PROGRAMS = {"gmsh_worker.py": {"gmsh"}, "patch_worker.py": {"gmsh"}}
 # The one place where packages are installed: when they are needed, after asking.
 INSTALLER = "packages.py"
 # Python 3.9 does not tell which modules are its own.

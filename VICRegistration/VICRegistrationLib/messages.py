@@ -132,6 +132,10 @@ SENTENCES = {
         "The worst element, at R {r:.1f}, A {a:.1f}, S {s:.1f} mm, has a scaled Jacobian of {jacobian:.3f}; {good:g} "
         "or more is good. Look for a crease of the surface there, or choose another element size."
     ),
+    "poor_element_of_part": _(
+        "The worst element of {part}, at R {r:.1f}, A {a:.1f}, S {s:.1f} mm, has a scaled Jacobian of {jacobian:.3f}; "
+        "{good:g} or more is good. Choose another element size, or draw the part without what is sharp or thin there."
+    ),
     # A model of several organs.
     "part_detached": _(
         "{part} shares no points with any other part, so it would not move with them. Let a border of one of its "

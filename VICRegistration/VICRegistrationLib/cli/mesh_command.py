@@ -13,6 +13,8 @@ from ..file_names import folder_name
 from ..files import keep_inputs, replacing_folder
 from ..meshing.formats import mesh_format
 from ..meshing.regions import MeshOptions
+from ..multipatch.file import is_model_file, read_model
+from ..multipatch.model import MultiPatchModel
 from . import validators
 from .console import argument, speaker
 from .solids import read_solids
@@ -21,11 +23,12 @@ REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
 
 _EPILOG = f"""\
-SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is LPS mm; its ending chooses the format:
+SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`, or one model.json. FILE is LPS mm; its ending chooses
+the format:
   .msh   gmsh 4.1             .med   Salome, Code_Aster
   .vtu   VTK, ParaView        .unv   I-deas, Salome
   .vtk   VTK's legacy format  .bdf   Nastran (triangles are elements too)
-  .inp   Abaqus, CalculiX (solid elements only)
+  .inp   Abaqus, CalculiX (solid elements; shells for sheets of models)
 with groups for loads and contacts: NAME (or NAME_wall) of tetrahedra; NAME_surface (or NAME_inside and NAME_outside)
 and NAME_OTHER_interface of triangles; --patches 4x3 cuts surfaces into NAME_surface_I_J, four around the organ and
 three from pole to pole. FILE's name with .quality.json gets the report that is printed.
@@ -34,11 +37,14 @@ three from pole to pole. FILE's name with .quality.json gets the report that is 
 mesh with common nodes where they touch; where they overlap, the place belongs to the one that is named first, and
 lumens stay free of all walls.
 Elements are smaller than --size where the surface is strongly curved, so that the mesh keeps the organ's volume.
+A model of several organs (vic-registration model) has a group for each of its parts and patches; its sheets are
+triangles, in .inp files shell elements with their thickness.
 --surface gives triangles only, of one organ, in a file {", ".join(MESH_SUFFIXES)}.
 
 examples:
   vic-registration mesh bladder.json --size 3 --output bladder.msh
   vic-registration mesh bladder.json vagina.json rectum.json --wall 2 --order 2 --output pelvis.inp
+  vic-registration mesh organs/model.json --output pelvis.inp
   vic-registration mesh bladder.json --surface --size 2 --output bladder_2mm.stl
 """
 
@@ -107,7 +113,8 @@ def run(options: argparse.Namespace) -> None:
     }
     _check_target(target, options, chosen)
     settings = MeshOptions(size=options.size, time_limit=options.time_limit, **chosen)
-    solids = read_solids(options.surfaces)
+    model = _model(options)
+    solids = model or read_solids(options.surfaces)
 
     say = speaker(options.quiet)
 
@@ -127,6 +134,16 @@ def run(options: argparse.Namespace) -> None:
     say(f"written to {target}")
 
 
+def _model(options: argparse.Namespace) -> MultiPatchModel | None:
+    """Read the model, if one is to be meshed."""
+    if len(options.surfaces) > 1 or not is_model_file(options.surfaces[0]):
+        return None
+    if options.surface:
+        msg = "--surface was given with a model; it is for the surface of one organ. Leave it out."
+        raise ValueError(msg)
+    return read_model(options.surfaces[0])
+
+
 def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> None:
     """Refuse, before anything is computed, what cannot be written."""
     if not options.surface:
@@ -144,18 +161,25 @@ def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> No
     keep_inputs((target, target.with_name(f"{target.name}.quality.json")), options.surfaces)
 
 
-def _tetrahedra(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
+def _tetrahedra(
+    what: Sequence[Solid] | MultiPatchModel, settings: MeshOptions, draft: Path, say
+) -> tuple[list[str], dict]:
     """Write the mesh; returns the report for people and for programs."""
     from ..meshing.formats import write_tetrahedra
     from ..meshing.organ_meshes import mesh_organs
     from ..meshing.quality import quality
+    from ..multipatch.mesh import mesh_model
 
-    mesh = mesh_organs(solids, settings, on_progress=say)
+    make = mesh_model if isinstance(what, MultiPatchModel) else mesh_organs
+    mesh = make(what, settings, on_progress=say)
     report = quality(mesh)
     say("writing")
     names = write_tetrahedra(mesh, draft)
     used = {"size": settings.size, "order": settings.order, "wall": settings.wall, "names_in_file": names}
     lines = report.lines() + [f"note: {note.sentence()}" for note in mesh.notes]
+    if mesh.shells or mesh.node_groups:
+        used["shells"] = dict(mesh.shells)
+        used["fixed_nodes"] = {place: len(nodes) for place, nodes in mesh.node_groups.items()}
     return lines, {**used, **report.as_json(), "notes": [note.record() for note in mesh.notes]}
 
 

@@ -11,6 +11,7 @@ from ..export.step import Solid
 from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
+from ..multipatch.file import is_model_file
 from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
 from .console import speaker
@@ -28,7 +29,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     ----------
     paths : sequence of path
         Files .json or .vtp as the program writes them. A surface without a name gets that of its file. A fit's
-        report.json is left out, with a line on stderr.
+        report.json and models of several organs are left out, with a line on stderr for each.
 
     Returns
     -------
@@ -50,6 +51,9 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
         if path.name == _REPORT:
             speaker()(f"{path} is the report of a fit and holds no surface; it is left out")
             continue
+        if is_model_file(path):
+            speaker()(f"{path} is a model of several organs and not the surface of one; it is left out")
+            continue
         if path.suffix.lower() in _OTHERS:
             msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
             raise ValueError(msg)
@@ -61,7 +65,10 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
             raise ValueError(msg)
         surfaces[name] = record.surface
     if not surfaces:
-        msg = f"{_REPORT} holds no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them."
+        msg = (
+            f"{Path(paths[0]).name} holds no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them. "
+            "Models of several organs are for the commands model and mesh."
+        )
         raise ValueError(msg)
     return colored_solids(surfaces)
 

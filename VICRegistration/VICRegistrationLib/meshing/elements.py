@@ -49,6 +49,10 @@ class TetrahedralMesh:
         Volumes of the exact solids by group of tetrahedra, mm^3.
     notes : tuple of Diagnostic
         What the user should know: overlaps that were resolved, elements of poor shape.
+    shells : dict of str to float
+        Thickness of the groups of triangles that are sheets beside the tetrahedra, mm.
+    node_groups : dict of str to ndarray of int
+        Rows of `points`, such as those that are fixed.
     """
 
     points: np.ndarray
@@ -58,6 +62,8 @@ class TetrahedralMesh:
     triangle_groups: dict[str, np.ndarray]
     exact_volumes: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[Diagnostic, ...] = ()
+    shells: Mapping[str, float] = field(default_factory=dict)
+    node_groups: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def order(self) -> int:

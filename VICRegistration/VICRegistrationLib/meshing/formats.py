@@ -4,8 +4,8 @@
 .msh   gmsh 4.1, text; groups are physical groups
 .vtu   VTK, tetrahedra and triangles; the number ``group`` of each cell, their names in the field data
        ``group_names``
-.inp   Abaqus and CalculiX: solid elements only, C3D4 or C3D10; ELSET of every organ, SURFACE and NSET of
-       every surface
+.inp   Abaqus and CalculiX: solid elements, C3D4 or C3D10; ELSET of every organ, SURFACE and NSET of
+       every surface; sheets of models as S3 or STRI65 with their thickness; NSET of what is fixed
 .med   Salome and Code_Aster; groups are families
 .unv   I-deas; groups are sets of nodes and of elements
 .bdf   Nastran: CTETRA, and CTRIA3 or CTRIA6 of the surfaces; a property number for every group
@@ -43,7 +43,7 @@ _ASCII, _NUMBERED = (".inp", ".unv"), (".bdf", ".vtk")
 _LONGEST_NAME = 60
 # Kinds of cells by their number of nodes: triangles and tetrahedra, linear and second order.
 _VTK_TYPES = {3: 5, 6: 22, 4: 10, 10: 24}
-_ABAQUS_TYPES = {4: "C3D4", 10: "C3D10"}
+_ABAQUS_TYPES = {3: "S3", 6: "STRI65", 4: "C3D4", 10: "C3D10"}
 
 
 def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> dict[str, str]:
@@ -194,8 +194,24 @@ def _abaqus(mesh: TetrahedralMesh, names: dict[str, str]) -> str:
     for name, rows in mesh.triangle_groups.items():
         nodes = np.unique(mesh.triangles[rows]) + 1
         parts += [f"*NSET, NSET={names[name]}_nodes\n", _lists(nodes)]
-        parts += _surface(mesh, rows, names[name])
+        parts += _shell(mesh, rows, names[name], name) if name in mesh.shells else _surface(mesh, rows, names[name])
+    taken = [*mesh.tetrahedron_groups, *mesh.triangle_groups]
+    fixed = names_in_file([*taken, *(f"fixed {name}" for name in mesh.node_groups)], ascii_only=True)
+    for name, nodes in mesh.node_groups.items():
+        parts += [f"*NSET, NSET={fixed[f'fixed {name}']}\n", _lists(nodes + 1)]
     return "".join(parts)
+
+
+def _shell(mesh: TetrahedralMesh, rows: np.ndarray, name: str, group: str) -> list[str]:
+    """Write a sheet: elements numbered after the tetrahedra, the section with the thickness, and the surface."""
+    table = np.column_stack([len(mesh.tetrahedra) + 1 + rows, mesh.triangles[rows] + 1])
+    kind = _ABAQUS_TYPES[mesh.triangles.shape[1]]
+    return [
+        f"*ELEMENT, TYPE={kind}, ELSET={name}\n",
+        _rows(table, ", ".join(["%d"] * table.shape[1])),
+        f"*SHELL SECTION, ELSET={name}, MATERIAL={name}\n{mesh.shells[group]:g}\n",
+        f"*SURFACE, NAME={name}_surface, TYPE=ELEMENT\n{name}, SPOS\n",
+    ]
 
 
 def _surface(mesh: TetrahedralMesh, rows: np.ndarray, name: str) -> list[str]:

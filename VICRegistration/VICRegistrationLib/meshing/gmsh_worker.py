@@ -15,17 +15,17 @@ from .elements import scaled_jacobians
 from .process import JobError, Workplace, main
 
 # gmsh's algorithms for the surfaces and for the inside, and a factor on the sizes: tried in turn until a mesh is good.
-_WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
+WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
 # Another way is tried only while no more of the time limit than this is spent.
-_TIME_FOR_TRIES = 0.3
+TIME_FOR_TRIES = 0.3
 # Relative difference of volumes at which a cut has failed.
 _MISCUT = 1e-3
 # gmsh's numbers of elements by their number of nodes: triangles and tetrahedra, linear and second order.
-_KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
+KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
 # gmsh numbers the middles of the last two edges of a tetrahedron the other way round.
 _NODES = {10: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
 # Sizes come from nothing but what is set here.
-_FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
+FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
 
 
 def work(place: Workplace) -> None:
@@ -36,18 +36,23 @@ def work(place: Workplace) -> None:
     place : Workplace
         Its job has the ``task`` "tetrahedra", "triangles" or "write".
     """
+    start()
+    {"tetrahedra": _fill, "triangles": _cover, "write": _write}[place.job["task"]](place)
+
+
+def start() -> None:
+    """Start gmsh: silent, one thread, mm."""
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-    {"tetrahedra": _fill, "triangles": _cover, "write": _write}[place.job["task"]](place)
 
 
 def _fill(place: Workplace) -> None:
     """Mesh the regions with tetrahedra, in one way after the other until a mesh is good or the time is short."""
     regions, volumes = _build(place)
     best = None
-    for number, way in enumerate(_WAYS, start=1):
+    for number, way in enumerate(WAYS, start=1):
         place.progress(f"meshing, try {number}" if number > 1 else "meshing")
         found = _mesh(place, regions, way)
         if found is None:
@@ -55,7 +60,7 @@ def _fill(place: Workplace) -> None:
         least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
         if best is None or least > best[0]:
             best = least, found
-        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
+        if best[0] >= place.job["least_quality"] or place.spent() > TIME_FOR_TRIES:
             break
     if best is None:
         msg = "gmsh returned no tetrahedra; choose another element size."
@@ -68,13 +73,13 @@ def _cover(place: Workplace) -> None:
     _solid(place, place.job["surface"])
     gmsh.model.occ.synchronize()
     size = place.job["size"]
-    _set_options({**_FREE, "Mesh.Algorithm": 6, "Mesh.MeshSizeMin": size, "Mesh.MeshSizeMax": size})
+    set_options({**FREE, "Mesh.Algorithm": 6, "Mesh.MeshSizeMin": size, "Mesh.MeshSizeMax": size})
     place.progress("meshing")
     gmsh.model.mesh.generate(2)
     # Widens the smallest angle from 20 to 24 degrees on the demo's organs.
     gmsh.model.mesh.optimize("Laplace2D", niter=5)
-    points, row = _nodes()
-    triangles = gmsh.model.mesh.getElementsByType(_KINDS[3])[1]
+    points, row = mesh_nodes()
+    triangles = gmsh.model.mesh.getElementsByType(KINDS[3])[1]
     place.finish({"points": points, "triangles": row[triangles.astype(int)].reshape(-1, 3)}, {})
 
 
@@ -93,9 +98,9 @@ def _write(place: Workplace) -> None:
         cells = arrays[f"cells{tag}"]
         width = cells.shape[1]
         nodes = cells[:, _NODES.get(width, slice(None))] + 1
-        gmsh.model.mesh.addElementsByType(tag, _KINDS[width], [], nodes.ravel())
+        gmsh.model.mesh.addElementsByType(tag, KINDS[width], [], nodes.ravel())
     # Sets of the groups' nodes in a .unv file; coordinates with 8 decimals in a .bdf file.
-    _set_options({"Mesh.SaveGroupsOfNodes": 1, "Mesh.BdfFieldFormat": 2})
+    set_options({"Mesh.SaveGroupsOfNodes": 1, "Mesh.BdfFieldFormat": 2})
     path = place.path(place.job["file"])
     gmsh.write(path)
     place.finish({"content": np.fromfile(path, dtype=np.uint8)}, {})
@@ -229,7 +234,7 @@ def _mesh(place: Workplace, regions: list[list[int]], way: tuple[int, int, float
     job, mesh = place.job, gmsh.model.mesh
     mesh.clear()
     options = {
-        **_FREE,
+        **FREE,
         "Mesh.Algorithm": surface_program,
         "Mesh.Algorithm3D": volume_program,
         "Mesh.MeshSizeFactor": factor,
@@ -237,8 +242,8 @@ def _mesh(place: Workplace, regions: list[list[int]], way: tuple[int, int, float
         "Mesh.Optimize": 1,
         "Mesh.OptimizeNetgen": 1,
     }
-    _set_options(options)
-    _use_sizes(place)
+    set_options(options)
+    use_sizes(place)
     try:
         mesh.generate(3)
     except Exception:  # noqa: BLE001 - gmsh raises bare Exception; another way may do.
@@ -246,12 +251,14 @@ def _mesh(place: Workplace, regions: list[list[int]], way: tuple[int, int, float
     return _collected(regions)
 
 
-def _set_options(options: Mapping[str, float]) -> None:
+def set_options(options: Mapping[str, float]) -> None:
+    """Set options of gmsh."""
     for name, value in options.items():
         gmsh.option.setNumber(name, value)
 
 
-def _use_sizes(place: Workplace) -> None:
+def use_sizes(place: Workplace) -> None:
+    """Take the sizes of elements from the job's file."""
     for tag in gmsh.model.mesh.field.list():
         gmsh.model.mesh.field.remove(tag)
     field = gmsh.model.mesh.field.add("Structured")
@@ -262,11 +269,11 @@ def _use_sizes(place: Workplace) -> None:
 
 def _collected(regions: list[list[int]]) -> dict | None:
     """Nodes and tetrahedra of all regions, with the region of each."""
-    points, row = _nodes()
+    points, row = mesh_nodes()
     cells, region_of = [], []
     for number, region in enumerate(regions):
         for tag in region:
-            _, nodes = gmsh.model.mesh.getElementsByType(_KINDS[4], tag)
+            _, nodes = gmsh.model.mesh.getElementsByType(KINDS[4], tag)
             if not len(nodes):
                 return None
             cells.append(row[nodes.astype(int)].reshape(-1, 4))
@@ -278,8 +285,8 @@ def _collected(regions: list[list[int]]) -> dict | None:
     }
 
 
-def _nodes() -> tuple[np.ndarray, np.ndarray]:
-    """Points, (n, 3) LPS mm, and the row of each by gmsh's number of it."""
+def mesh_nodes() -> tuple[np.ndarray, np.ndarray]:
+    """Return points, (n, 3) LPS mm, and the row of each by gmsh's number of it."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=int)
     row[tags.astype(int)] = np.arange(len(tags))

@@ -142,11 +142,39 @@ def second_order(
     flattened : int
         Number of edges whose middle is not on the surface, for the sake of the elements' shape.
     """
-    ends = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
-    edges, number = np.unique(ends, axis=0, return_inverse=True)
-    number = number.reshape(-1, len(EDGES))
+    edges, number = np.unique(np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    shift = _shifts(points, tetrahedra, region, surfaces, edges)
+    return bent_elements(points, tetrahedra, edges, number.reshape(-1, len(EDGES)), shift, least_quality=least_quality)
+
+
+def bent_elements(
+    points: np.ndarray,
+    tetrahedra: np.ndarray,
+    edges: np.ndarray,
+    number: np.ndarray,
+    shift: np.ndarray,
+    *,
+    least_quality: float,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Bend edges as far as the shape of the elements allows it.
+
+    Parameters
+    ----------
+    points, tetrahedra, least_quality
+        As in :func:`second_order`.
+    edges : (e, 2) ndarray of int
+        The nodes at their ends.
+    number : (m, 6) ndarray of int
+        Edges of each element.
+    shift : (e, 3) ndarray
+        Wanted displacement of their middles, mm.
+
+    Returns
+    -------
+    points, tetrahedra, flattened
+        As of :func:`second_order`.
+    """
     straight = points[edges].mean(axis=1)
-    shift = _shifts(points, tetrahedra, region, surfaces, edges, straight)
     curved = (shift != 0.0).any(axis=1)
     share = np.ones(len(edges))
     cells = np.column_stack([tetrahedra, len(points) + number])
@@ -161,7 +189,7 @@ def second_order(
     return nodes, cells, int(np.count_nonzero(curved & (share < 1.0)))
 
 
-def _shifts(points, tetrahedra, region, surfaces, edges, straight) -> np.ndarray:
+def _shifts(points, tetrahedra, region, surfaces, edges) -> np.ndarray:
     """How far the middle of every edge is from the surfaces that it lies on, (e, 3)."""
     faces, first, second = faces_of(tetrahedra)
     faces = faces[(second < 0) | (region[first] != region[second])]
@@ -171,6 +199,24 @@ def _shifts(points, tetrahedra, region, surfaces, edges, straight) -> np.ndarray
     row = np.searchsorted(key, of_faces[:, 0] * len(points) + of_faces[:, 1])
     touched = np.zeros((len(surfaces), len(edges)), dtype=bool)
     touched[np.repeat(on_surface, 3), row] = True
+    return shifts_to(surfaces, touched, points[edges].mean(axis=1))
+
+
+def shifts_to(surfaces: Sequence[BSplineSurface], touched: np.ndarray, straight: np.ndarray) -> np.ndarray:
+    """How far points are from the surfaces that they belong to: (e, 3) mm, 0 where they belong to none.
+
+    Parameters
+    ----------
+    surfaces : sequence of BSplineSurface
+    touched : (n_surfaces, e) ndarray of bool
+        Which surfaces each point belongs to: to several, where these meet in a curve.
+    straight : (e, 3) ndarray
+        The points, RAS mm.
+
+    Returns
+    -------
+    (e, 3) ndarray
+    """
     target = straight.copy()
     for surface, mine in zip(surfaces, touched):
         if mine.any():

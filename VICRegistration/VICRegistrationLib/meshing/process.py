@@ -33,6 +33,7 @@ import numpy as np
 from ..files import reason
 
 GMSH_WORKER = "VICRegistrationLib.meshing.gmsh_worker"
+PATCH_WORKER = "VICRegistrationLib.meshing.patch_worker"
 JOB, RESULT, NOTES, ERROR, PROGRESS = "job.json", "result.npz", "notes.json", "error.txt", "progress"
 _ROOT = Path(__file__).resolve().parents[2]
 # How long the worker is left alone between two looks at it, s.

@@ -192,7 +192,7 @@ def job_files(
     surfaces = list(surfaces_of(regions).values())
     size = options.size if options.wall is None else min(options.size, _LONGEST_IN_WALL * options.wall)
     sizes = size_field(surfaces, size, order=options.order, volume_error=options.volume_error * scale**2)
-    files["sizes.bin"] = _field_file(sizes)
+    files["sizes.bin"] = field_file(sizes)
     job = {
         "task": "tetrahedra",
         "regions": described,
@@ -251,7 +251,7 @@ def _given(volume: Mapping) -> dict[str, float]:
     return {other: lost for other, lost in volume["given"].items() if lost > least}
 
 
-def _field_file(sizes: SizeField) -> bytes:
+def field_file(sizes: SizeField) -> bytes:
     """Binary file of gmsh's field "Structured", in LPS."""
     turned = sizes.sizes[::-1, ::-1]
     last = sizes.origin + sizes.spacing * (np.array(sizes.sizes.shape) - 1)

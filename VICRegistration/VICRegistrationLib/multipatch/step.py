@@ -79,6 +79,24 @@ def model_step_text(model: MultiPatchModel) -> str:
     return file_text([name for name, _ in parts], entities)
 
 
+def faces_step_text(model: MultiPatchModel) -> str:
+    """Text of a STEP file with every patch once, as faces of one shell that share their edges across parts.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Returns
+    -------
+    str
+        ASCII.
+    """
+    entities = Entities()
+    products, shapes = Products(entities), _Shapes(entities, model)
+    products.add_part("patches", shapes.add_faces(), None, sheet=True)
+    return file_text(["patches"], entities)
+
+
 class _Shapes:
     """Adds the parts of a model; what they have in common is added once."""
 
@@ -108,6 +126,13 @@ class _Shapes:
             return entities.add(f"SHELL_BASED_SURFACE_MODEL({name},({opened}))")
         closed = entities.add(f"CLOSED_SHELL({name},{written})")
         return entities.add(f"MANIFOLD_SOLID_BREP({name},{closed})")
+
+    def add_faces(self) -> str:
+        """Add one open shell of all patches."""
+        model, edges = self._model, self._edges(list(self._model.patches))
+        written = listed(self._face(model.part(patch.part), patch, False, edges) for patch in model.patches)
+        opened = self._entities.add(f"OPEN_SHELL('',{written})")
+        return self._entities.add(f"SHELL_BASED_SURFACE_MODEL('',({opened}))")
 
     def _face(self, part: Part, patch: Patch, turned: bool, edges: dict) -> str:
         way = []

@@ -1,0 +1,116 @@
+"""Meshes the faces of a STEP file, some of which bound solids, with gmsh: conforming where faces share an edge.
+
+Run as ``python -m VICRegistrationLib.meshing.patch_worker JOB``. The job has ``surface``, a file with one shell of all
+faces; ``faces``, a point in the middle of the parameters of each; ``solids``, for each solid the numbers of its faces;
+``curves``, a point in the middle of each edge whose nodes are wanted; ``size``, ``sizes`` and ``least_quality``.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import gmsh
+import numpy as np
+
+from .elements import scaled_jacobians
+from .gmsh_worker import FREE, KINDS, TIME_FOR_TRIES, WAYS, mesh_nodes, set_options, start, use_sizes
+from .process import JobError, Workplace, main
+
+# A face or an edge is the one whose middle is no farther than this away, mm.
+_SAME_PLACE = 1e-4
+
+
+def work(place: Workplace) -> None:
+    """Mesh the faces and solids of a job, in one way after the other until a mesh is good or the time is short."""
+    start()
+    place.progress("reading the patches")
+    gmsh.model.occ.importShapes(place.path(place.job["surface"]))
+    gmsh.model.occ.synchronize()
+    faces = _matched(2, place.job["faces"])
+    curves = _matched(1, place.job["curves"])
+    loops = [gmsh.model.occ.addSurfaceLoop([faces[number] for number in solid]) for solid in place.job["solids"]]
+    solids = [gmsh.model.occ.addVolume([loop]) for loop in loops]
+    gmsh.model.occ.synchronize()
+    best = None
+    for number, way in enumerate(WAYS, start=1):
+        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
+        found = _mesh(place, faces, solids, curves, way)
+        if found is None:
+            continue
+        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
+        if best is None or least > best[0]:
+            best = least, found
+        if best[0] >= place.job["least_quality"] or place.spent() > TIME_FOR_TRIES:
+            break
+    if best is None:
+        msg = "gmsh returned no tetrahedra for one of the parts; choose another element size, and check the model."
+        raise JobError(msg)
+    place.finish(best[1], {})
+
+
+def _matched(dimension: int, middles: list) -> list[int]:
+    """Find the number that gmsh gave to the face or edge with each of these middles."""
+    tags, places = [], []
+    for _, tag in gmsh.model.getEntities(dimension):
+        low, high = gmsh.model.getParametrizationBounds(dimension, tag)
+        middle = (np.array(low) + np.array(high)) / 2.0
+        tags.append(tag)
+        places.append(gmsh.model.getValue(dimension, tag, middle.tolist()))
+    found = []
+    for middle in middles:
+        distances = np.linalg.norm(np.array(places) - middle, axis=1)
+        nearest = int(np.argmin(distances))
+        if distances[nearest] > _SAME_PLACE:
+            msg = "gmsh did not find all patches of the model in its file; check the model."
+            raise JobError(msg)
+        found.append(tags[nearest])
+    return found
+
+
+def _mesh(place: Workplace, faces, solids, curves, way: tuple[int, int, float]) -> dict | None:
+    """Mesh in one way; None if a solid has no tetrahedra."""
+    surface_program, volume_program, factor = way
+    gmsh.model.mesh.clear()
+    set_options(
+        {
+            **FREE,
+            "Mesh.Algorithm": surface_program,
+            "Mesh.Algorithm3D": volume_program,
+            "Mesh.MeshSizeFactor": factor,
+            "Mesh.MeshSizeMax": place.job["size"],
+            "Mesh.Optimize": 1,
+            "Mesh.OptimizeNetgen": 1,
+        }
+    )
+    use_sizes(place)
+    try:
+        gmsh.model.mesh.generate(3)
+        return _collected(faces, solids, curves)
+    except Exception:  # noqa: BLE001 - gmsh raises bare Exception; another way may do.
+        return None
+
+
+def _collected(faces: list[int], solids: list[int], curves: list[int]) -> dict | None:
+    """Nodes, tetrahedra of the solids and triangles of the faces, with the number of each; nodes of the curves."""
+    points, row = mesh_nodes()
+    found = {"points": points}
+    for key, owner, tags, width in (
+        ("tetrahedra", "regions", solids, 4),
+        ("triangles", "faces", faces, 3),
+    ):
+        cells, owners = [np.zeros((0, width), dtype=int)], [np.zeros(0, dtype=int)]
+        for number, tag in enumerate(tags):
+            nodes = gmsh.model.mesh.getElementsByType(KINDS[width], tag)[1]
+            if not len(nodes):
+                return None
+            cells.append(row[nodes.astype(int)].reshape(-1, width))
+            owners.append(np.full(len(cells[-1]), number))
+        found[key], found[owner] = np.concatenate(cells), np.concatenate(owners)
+    for number, tag in enumerate(curves):
+        nodes = gmsh.model.mesh.getNodes(1, tag, includeBoundary=True)[0]
+        found[f"curve{number}"] = row[nodes.astype(int)]
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main(work))

@@ -1,0 +1,259 @@
+"""Meshes of models by gmsh: tetrahedra of organs and cords, triangles of sheets, with common nodes where they meet.
+
+All patches are one shell, of which faces share their edges, so that gmsh needs to cut nothing and conforming parts
+follow by themselves. What passes through something else is not cut there; it is said.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ..export.step import Solid, validate_solids
+from ..frames import RAS_TO_LPS
+from ..geometry import bspline
+from ..geometry.surface import BSplineSurface
+from ..meshing.elements import TetrahedralMesh, faces_of, scaled_jacobians, volumes
+from ..meshing.process import PATCH_WORKER, MeshingError, require_gmsh, run_worker
+from ..meshing.regions import MeshOptions, field_file
+from ..meshing.sizes import size_field
+from ..messages import Diagnostic
+from .check import require_connected, through_cords, through_organs
+from .model import MultiPatchModel, Part
+from .second_order import with_middles
+from .step import faces_step_text
+from .topology import Side, shell, sides
+
+# Below this scaled Jacobian another way of meshing is tried; below the other one the part is named.
+_GOOD_QUALITY, LEAST_QUALITY = 0.15, 0.1
+# How often a mesh is made, each time with smaller elements, until it keeps the volumes.
+_TRIES = 3
+
+
+def mesh_model(
+    model: MultiPatchModel,
+    options: MeshOptions | None = None,
+    *,
+    on_progress: Callable[[str], None] | None = None,
+) -> TetrahedralMesh:
+    """Mesh a model.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    options : MeshOptions, optional
+        Neither with a wall nor with patches: a model has its own.
+    on_progress : callable, optional
+        Told in one line what is being done. If it raises, gmsh is ended.
+
+    Returns
+    -------
+    TetrahedralMesh
+        A group of tetrahedra for each organ and cord, of triangles for each patch; ``shells`` has the thickness of
+        sheets, ``node_groups`` what is fixed to bone.
+
+    Raises
+    ------
+    ValueError
+        If the model does not hold together, an organ is no valid solid, or an option is not for models.
+    MeshingError
+        With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that is
+        wrong.
+    """
+    options, say = options or MeshOptions(), on_progress or (lambda line: None)
+    if options.wall is not None or tuple(options.patches) != (1, 1):
+        msg = "A wall or a number of patches was asked for; a model has patches of its own and is meshed without walls."
+        raise ValueError(msg)
+    require_gmsh()
+    say("checking the model")
+    require_connected(model)
+    validate_solids([Solid(organ, parent) for organ, parent in model.parents.items()])
+    solids = [part for part in model.parts if part.kind != "sheet"]
+    exact = {part.labelled(): solid_volume(model, part) for part in solids}
+    end, scale = time.monotonic() + options.time_limit, 1.0
+    for last in (False,) * (_TRIES - 1) + (True,):
+        arrays = _run(model, solids, options, scale, end, say)
+        mesh = _assembled(model, solids, arrays, exact, options.order)
+        off = {
+            name: float(volumes(mesh.points, mesh.tetrahedra[rows]).sum()) / exact[name] - 1.0
+            for name, rows in mesh.tetrahedron_groups.items()
+        }
+        worst = max(off, key=lambda name: abs(off[name]))
+        if abs(off[worst]) <= options.volume_error or last:
+            break
+        scale *= max(np.sqrt(0.8 * options.volume_error / abs(off[worst])), 0.5)
+    if abs(off[worst]) > options.volume_error:
+        msg = (
+            f"gmsh returned a mesh of {worst} whose volume is {100.0 * off[worst]:+.2f} % off, more than the "
+            f"{100.0 * options.volume_error:g} % allowed; choose smaller elements, second order, or allow more."
+        )
+        raise MeshingError(msg)
+    return mesh
+
+
+def solid_volume(model: MultiPatchModel, part: Part) -> float:
+    """Volume of an organ or a cord, mm^3, by the divergence theorem over its patches."""
+    if part.name in model.parents:
+        return model.parents[part.name].volume()
+    origin, total = model.points[model.patch(part.foot).indices].mean(axis=(0, 1)), 0.0
+    for patch, turned in shell(model, part):
+        total += (-1.0 if turned else 1.0) * _flux(patch.surface(model.points), origin)
+    return total
+
+
+def _flux(surface: BSplineSurface, origin: np.ndarray) -> float:
+    """Third of the integral of S . (S_u x S_v), exact for polynomials on every span."""
+    axes = zip(surface.degrees, (surface.knots_u, surface.knots_v))
+    (u, weights_u), (v, weights_v) = (bspline.gauss_points(p, knots, (3 * p + 1) // 2) for p, knots in axes)
+    cross = np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1))
+    return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, surface.grid(u, v) - origin, cross) / 3.0)
+
+
+def _run(
+    model: MultiPatchModel, solids: list[Part], options: MeshOptions, scale: float, end: float, say
+) -> Mapping[str, np.ndarray]:
+    """Run gmsh; what it has found, in RAS."""
+    say("choosing the sizes of the elements")
+    error = options.volume_error * scale**2
+    parents = list(model.parents.values())
+    sizes = size_field(parents, options.size, order=options.order, volume_error=error)
+    number = {patch.name: place for place, patch in enumerate(model.patches)}
+    middles = [patch.surface(model.points).points(*_middle(patch.knots))[0] for patch in model.patches]
+    job = {
+        "surface": "model.step",
+        "faces": (np.array(middles) * RAS_TO_LPS).tolist(),
+        "solids": [[number[patch.name] for patch, _ in shell(model, part)] for part in solids],
+        "curves": [(_middle_of(model, side) * RAS_TO_LPS).tolist() for side, _ in fixed_sides(model)],
+        "size": options.size,
+        "sizes": "sizes.bin",
+        "least_quality": _GOOD_QUALITY,
+    }
+    files = {"model.step": faces_step_text(model), "sizes.bin": field_file(sizes)}
+    left = max(end - time.monotonic(), 0.0)
+    return run_worker(PATCH_WORKER, job, files, time_limit=left, on_progress=say).arrays
+
+
+def fixed_sides(model: MultiPatchModel) -> list[tuple[Side, str]]:
+    """Borders of patches that are fixed to bone as a whole, with the place."""
+    found = {}
+    for place, group in model.fixed.items():
+        for patch in model.patches:
+            for side in sides(patch):
+                if np.isin(side.edge, group).all():
+                    found.setdefault((side.edge, place), (side, place))
+    return list(found.values())
+
+
+def _middle(knots: tuple[np.ndarray, np.ndarray]) -> tuple[list[float], list[float]]:
+    return tuple([(axis[0] + axis[-1]) / 2.0] for axis in knots)
+
+
+def _middle_of(model: MultiPatchModel, side: Side) -> np.ndarray:
+    """Point in the middle of the parameters of a border."""
+    degree, knots = side.patch.degrees[side.axis], side.patch.knots[side.axis]
+    row = side.patch.borders()[side.name]
+    return (bspline.collocation(degree, knots, [(knots[0] + knots[-1]) / 2.0]) @ model.points[row])[0]
+
+
+def _assembled(
+    model: MultiPatchModel, solids: list[Part], arrays: Mapping[str, np.ndarray], exact: Mapping[str, float], order: int
+) -> TetrahedralMesh:
+    """Put what gmsh has found into groups."""
+    points, tetrahedra, triangles = arrays["points"] * RAS_TO_LPS, arrays["tetrahedra"], arrays["triangles"].copy()
+    _turn_outward(model, solids, tetrahedra, arrays["regions"], triangles, arrays["faces"])
+    notes = [*through_organs(model), *through_cords(model)]
+    if order == 2:
+        points, tetrahedra, triangles, flattened = with_middles(
+            model, points, tetrahedra, triangles, arrays["faces"], least_quality=_GOOD_QUALITY
+        )
+        notes += [Diagnostic("edges_straightened", {"count": flattened})] if flattened else []
+    jacobian = scaled_jacobians(points, tetrahedra)
+    inverted = int(np.count_nonzero(jacobian <= 0.0))
+    if inverted:
+        msg = f"gmsh returned {inverted} inverted elements among {len(tetrahedra)}; choose another element size."
+        raise MeshingError(msg)
+    groups = {part.labelled(): np.flatnonzero(arrays["regions"] == number) for number, part in enumerate(solids)}
+    notes += _poor(points, tetrahedra, jacobian, groups)
+    patch_groups, shells = {}, {}
+    for number, patch in enumerate(model.patches):
+        part = model.part(patch.part)
+        name = part.labelled(patch.name)
+        name = f"{name} surface" if name in groups else name
+        patch_groups[name] = np.flatnonzero(arrays["faces"] == number)
+        if part.kind == "sheet":
+            shells[name] = part.thickness
+    return TetrahedralMesh(
+        points,
+        tetrahedra,
+        groups,
+        triangles,
+        patch_groups,
+        exact,
+        tuple(notes),
+        shells=shells,
+        node_groups=_fixed_nodes(model, arrays, triangles),
+    )
+
+
+def _turn_outward(model: MultiPatchModel, solids: list[Part], tetrahedra, regions, triangles, face_of) -> None:
+    """Let the triangles of solids run counter-clockwise seen from outside of the part that their patch belongs to."""
+    faces, first, _ = faces_of(tetrahedra)
+    rows = {part.name: number for number, part in enumerate(solids)}
+    wanted = np.array([rows.get(patch.part, -1) for patch in model.patches])[face_of]
+    mine = np.flatnonzero(wanted >= 0)
+    place = _places(np.sort(faces[:, :3], axis=1), np.sort(triangles[mine][:, :3], axis=1))
+    turned = regions[first[place]] != wanted[mine]
+    oriented = faces[place]
+    oriented[turned] = oriented[turned][:, [0, 2, 1]]
+    triangles[mine] = oriented
+
+
+def _places(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Where each of the wanted rows stands among rows, (n, 3) of int; refuse what is not there."""
+    size = int(max(rows.max(), wanted.max())) + 1
+    keys = [(array[:, 0] * size + array[:, 1]) * size + array[:, 2] for array in (rows, wanted)]
+    order = np.argsort(keys[0])
+    place = order[np.minimum(np.searchsorted(keys[0][order], keys[1]), len(order) - 1)]
+    if (keys[0][place] != keys[1]).any():
+        msg = "gmsh returned tetrahedra that do not end at the patches; choose another element size."
+        raise MeshingError(msg)
+    return place
+
+
+def _fixed_nodes(
+    model: MultiPatchModel, arrays: Mapping[str, np.ndarray], triangles: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Nodes on patches and borders that are fixed to bone as a whole, by the place."""
+    found: dict[str, list[np.ndarray]] = {place: [] for place in model.fixed}
+    numbers = {patch.name: number for number, patch in enumerate(model.patches)}
+    for number, (side, place) in enumerate(fixed_sides(model)):
+        ends = arrays[f"curve{number}"]
+        found[place] += [ends, _middles_between(ends, triangles[arrays["faces"] == numbers[side.patch.name]])]
+    for place, group in model.fixed.items():
+        for number, patch in enumerate(model.patches):
+            if np.isin(patch.indices, group).all():
+                found[place].append(triangles[arrays["faces"] == number].ravel())
+    return {place: np.unique(np.concatenate(nodes)) for place, nodes in found.items() if nodes}
+
+
+def _middles_between(ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Nodes in the middles of a patch's outer edges between given nodes; none of linear triangles."""
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    middles = triangles[:, 3:].ravel()
+    _, inverse, counts = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    outer = (counts[inverse.ravel()] == 1) & np.isin(edges, ends).all(axis=1)
+    return middles[outer] if len(middles) else middles
+
+
+def _poor(points, tetrahedra, jacobian, groups: Mapping[str, np.ndarray]) -> list[Diagnostic]:
+    """Parts with badly shaped elements."""
+    found = []
+    for name, rows in groups.items():
+        worst = rows[int(np.argmin(jacobian[rows]))]
+        if jacobian[worst] < LEAST_QUALITY:
+            place = dict(zip("ras", points[tetrahedra[worst, :4]].mean(axis=0).tolist()))
+            shape = {"part": name, "jacobian": float(jacobian[worst]), "good": LEAST_QUALITY}
+            found.append(Diagnostic("poor_element_of_part", {**place, **shape}))
+    return found
