@@ -113,6 +113,19 @@ SENTENCES = {
         "organ that the surface does not follow, or a leak. Look at the contour there, and place points on the wall "
         "if the region is right, or give another threshold or erosion if it is not."
     ),
+    # A generic model of several organs.
+    "organ_predicted": _(
+        "The organ {organ} was not given; it is predicted from the others by the generic model, and was not seen in "
+        "the image."
+    ),
+    "parts_estimated": _("Estimated by the generic model, not seen in the image: {parts}."),
+    "header_trusted": _(
+        "Nothing in the organs shows which side is left; the orientation in the header of the image is trusted."
+    ),
+    "map_compresses": _(
+        "The map that carries the model makes space {determinant:.2f} times as large near the {part}; what it carries "
+        "there is hardly like the model any more. Check the regions of the organs."
+    ),
     # A comparison with a reference.
     "reference_in_pieces": _(
         "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."
