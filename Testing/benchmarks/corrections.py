@@ -23,6 +23,7 @@ _TOO_HIGH = 0.9
 
 def report(*, quick: bool) -> str:
     """Fit each bladder with a lower threshold that is too high, and correct it with up to 16 points."""
+    refused = []
     rows = [["bladder", "points", "mean mm", "largest mm", "points met to mm", "valid"]]
     for bladder in bladders()[: 1 if quick else None]:
         truth = points_on(mesh_of_mask(drawn_image(bladder)), N_POINTS)
@@ -37,11 +38,17 @@ def report(*, quick: bool) -> str:
                 numbers = (f"{away.mean():.2f}", f"{away.max():.1f}", f"{met:.2f}")
                 rows.append([bladder.name, str(count), *numbers, "no" if check_surface(surface) else "yes"])
             points = np.vstack([points, truth[away.argmax()]])
-            surface = finish(refit(bladder.image, first.surface, first.options, boundary_points=points)).surface
+            try:
+                surface = finish(refit(bladder.image, first.surface, first.options, boundary_points=points)).surface
+            except ValueError as error:
+                refused.append(f"{bladder.name}, {count + 1} points: {error}")
+                break
     if len(rows) == 1:
         return "  The real images are not here."
     return f"""\
   Lower threshold: {_TOO_HIGH:g} of the median in the lumen. Each point is that of the experts' surface from which
   the surface is farthest now; all points so far are fitted again from the first surface.
 
-{table(rows)}"""
+{table(rows)}
+
+  {"; ".join(refused) or "No point was refused."}"""
