@@ -26,6 +26,7 @@ _MODULES = {
     "Image": "imaging.image",
     "OrganFit": "registration.organ",
     "Region": "imaging.region",
+    "Stack": "registration.stacks",
     "compare": "api",
     "fit": "api",
     "fit_region": "api",

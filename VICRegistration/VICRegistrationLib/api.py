@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from .registration import organ
 from .registration import refit as refitting
 from .registration.options import FitOptions
 from .registration.organ import OrganFit, finish
+from .registration.stacks import Stack
 from .registration.stages import Step
 
 
@@ -25,6 +26,7 @@ def fit(
     options: FitOptions | None = None,
     *,
     boundary_points: np.ndarray | None = None,
+    further: Sequence[Stack | Image | str | os.PathLike] = (),
     on_step: Callable[[Step], None] | None = None,
     **choices,
 ) -> OrganFit:
@@ -38,6 +40,9 @@ def fit(
     options : FitOptions, optional
     boundary_points : (n, 3) array_like, optional
         Points that the surface is to pass through, RAS mm.
+    further : sequence of Stack, Image or path
+        More stacks of the patient: the surface is fitted to all of them at once, and the motion between them found
+        with it. What became of each is `OrganFit.stacks`.
     on_step : callable, optional
         Called with every step of the fit: stage, iteration, cost, displacement, surface. To stop between two steps,
         iterate over :func:`.registration.organ.fit_organ` instead.
@@ -72,7 +77,8 @@ def fit(
     >>> print(f"{fit.surface.volume() / 1000:.1f} ml")
     17.2 ml
     """
-    steps = organ.fit_organ(image, seeds, _options(options, choices), boundary_points=boundary_points)
+    options = _options(options, choices)
+    steps = organ.fit_organ(image, seeds, options, boundary_points=boundary_points, further=further)
     return finish(steps, on_step)
 
 
@@ -82,6 +88,7 @@ def fit_region(
     options: FitOptions | None = None,
     *,
     boundary_points: np.ndarray | None = None,
+    further: Sequence[Stack | Image | str | os.PathLike] = (),
     on_step: Callable[[Step], None] | None = None,
     **choices,
 ) -> OrganFit:
@@ -92,7 +99,7 @@ def fit_region(
     image : Image or path
     region : Region
         From :func:`separate` or :func:`region_from_mask`, on the image's grid.
-    options, boundary_points, on_step, **choices
+    options, boundary_points, further, on_step, **choices
         As for :func:`fit`.
 
     Returns
@@ -114,7 +121,8 @@ def fit_region(
     >>> vic.fit_region(image, region, net=(9, 7)).options.net
     (9, 7)
     """
-    steps = organ.fit_region(image, region, _options(options, choices), boundary_points=boundary_points)
+    options = _options(options, choices)
+    steps = organ.fit_region(image, region, options, boundary_points=boundary_points, further=further)
     return finish(steps, on_step)
 
 
@@ -125,6 +133,7 @@ def refit(
     *,
     boundary_points: np.ndarray | None = None,
     region: Region | None = None,
+    further: Sequence[Stack | Image | str | os.PathLike] = (),
     on_step: Callable[[Step], None] | None = None,
     **choices,
 ) -> OrganFit:
@@ -135,7 +144,7 @@ def refit(
     image : Image or path
     surface : BSplineSurface
         A closed organ near its edge, RAS mm.
-    options, boundary_points, on_step, **choices
+    options, boundary_points, further, on_step, **choices
         As for :func:`fit`; net and closure are those of the surface. With boundary points the surface moves in their
         surroundings only.
     region : Region, optional
@@ -165,7 +174,8 @@ def refit(
     >>> bool(abs(closest_points(corrected.surface, point).distances[0]) < 0.2)
     True
     """
-    steps = refitting.refit(image, surface, _options(options, choices), boundary_points=boundary_points, region=region)
+    given = {"boundary_points": boundary_points, "region": region, "further": further}
+    steps = refitting.refit(image, surface, _options(options, choices), **given)
     return finish(steps, on_step)
 
 

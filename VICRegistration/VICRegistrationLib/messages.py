@@ -126,6 +126,20 @@ SENTENCES = {
         "The map that carries the model makes space {determinant:.2f} times as large near the {part}; what it carries "
         "there is hardly like the model any more. Check the regions of the organs."
     ),
+    # Why a further stack was not used.
+    "stack_shows_little": _(
+        "The stack shows {share:.0%} of the organ's surface, too little for its place in it to be found."
+    ),
+    "stack_shows_no_edge": _(
+        "The stack shows no such edge along the surface, wherever it is moved (cost {cost:.2g}): another filling, "
+        "another organ, or no contrast."
+    ),
+    "stack_moved_far": _(
+        "The organ was found {shift_mm:.0f} mm and {turn_degrees:.0f} degrees away in this stack, farther than a "
+        "patient moves between two stacks (15 mm, 15 degrees); check that both are of one examination."
+    ),
+    # A further stack that was not used.
+    "stack_left_out": _("The stack {stack} was left out. {reason}"),
     # A comparison with a reference.
     "reference_in_pieces": _(
         "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."

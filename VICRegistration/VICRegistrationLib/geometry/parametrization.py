@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg as sparse_linalg
+from scipy.spatial.transform import Rotation
 
 from . import bspline
 from .surface import BSplineSurface
@@ -213,6 +214,37 @@ def affine_matrix(
     matrix = np.eye(4)
     matrix[:3, :3] = linear
     matrix[:3, 3] = shift + center - linear @ center
+    return matrix
+
+
+def rigid(surface: BSplineSurface, center: np.ndarray) -> Parametrization:
+    """Small rotation and translation, p = p0 + w x (p0 - c) + t, with the degrees of freedom w (radians) and t (mm).
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        The surface to be moved.
+    center : (3,) array_like
+        The centre c of the rotation, mm.
+
+    Returns
+    -------
+    Parametrization
+        Of first order in w; :func:`rigid_matrix` is exact. The coordinates share w, so that
+        :meth:`Parametrization.fit` does not apply.
+    """
+    x, y, z = (surface.control_net.reshape(-1, 3) - center).T
+    none, ones = np.zeros_like(x), np.ones_like(x)
+    turned = ((none, z, -y), (-z, none, x), (y, -x, none))
+    columns = [np.column_stack([*parts, *(ones * (axis == k) for k in range(3))]) for axis, parts in enumerate(turned)]
+    return Parametrization(surface, tuple(map(sparse.csr_matrix, columns)), (np.arange(6),) * 3, 6)
+
+
+def rigid_matrix(q: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """Return the exact motion (4, 4), mm, for degrees of freedom (6,) of :func:`rigid` about a centre (3,)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(q[:3]).as_matrix()
+    matrix[:3, 3] = center + q[3:] - matrix[:3, :3] @ center
     return matrix
 
 

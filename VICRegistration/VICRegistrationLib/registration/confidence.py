@@ -9,6 +9,7 @@ uncertain as it was before the image was looked at.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +19,12 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, patient_side
 from .banded import BandedMatrix
 from .cost import Correlation
+from .joint_stacks import with_stacks
 from .nets import sampled
 from .options import FitOptions
 from .sample_grid import SampledSurface
 from .schedule import Schedule
+from .stacks import StackUse
 from .stages import Stage
 
 # Standard deviation of a surface before the image was looked at, mm: about as far as a fit goes.
@@ -107,7 +110,9 @@ class Confidence:
         return patient_side(offset) if np.abs(offset).max() >= 0.5 else ""
 
 
-def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) -> Confidence:
+def confidence_of(
+    image: Image, surface: BSplineSurface, options: FitOptions, *, stacks: Sequence[StackUse] = ()
+) -> Confidence:
     """Work out how sure a surface is.
 
     Parameters
@@ -118,6 +123,8 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
         A closed organ, RAS mm.
     options : FitOptions
         By which it was fitted, with automatic choices filled in.
+    stacks : sequence of StackUse
+        Further stacks that it was fitted to.
 
     Returns
     -------
@@ -138,17 +145,20 @@ def confidence_of(image: Image, surface: BSplineSurface, options: FitOptions) ->
     if schedule.inside == schedule.outside:
         # The estimates along the surface will tell that there is no edge: they only need to know a brighter side.
         schedule = replace(schedule, outside=schedule.inside - 1e-6 * (abs(schedule.inside) or 1.0))
-    stage = schedule.fine
-    seen = stage.correlation(sampled(surface, options.closure))
+    stage = with_stacks(schedule, surface, stacks).fine
+    seen, *others = stage.correlations(sampled(surface, options.closure))
     shape = seen.surface.grid.shape
-    support = _without_edges_elsewhere(_support(seen), shape)
+    supports = [_without_edges_elsewhere(_support(each), shape) for each in (seen, *others)]
+    support = _joint(supports)
     areas = support.area * surface.area()
-    variance = _smoothed(support.variance, support, shape)
     pixel = float(np.min(image.spacing))
-    # A voxel is one independent number, whatever the number of samples in it.
-    lines = areas / (abs(np.linalg.det(image.ijk_to_ras[:3, :3])) / pixel)
-    information = lines * support.weight * support.slope / variance
-    scale = float(np.sum(lines) * np.mean(1.0 / variance))
+    information, scale = np.zeros(len(areas)), 0.0
+    for each, one in zip((seen, *others), supports):
+        variance = _smoothed(one.variance, one, shape)
+        # A voxel is one independent number, whatever the number of samples in it.
+        lines = areas / (abs(np.linalg.det(each.virtual.voxel)) / np.linalg.norm(each.virtual.voxel, axis=0).min())
+        information += lines * one.weight * one.slope / variance
+        scale += float(np.sum(lines) * np.mean(1.0 / variance))
     precision = _precision(seen, support, information, stage, scale)
     moves = seen.surface.normal_motion(support.normals)
     noise = precision.variances(moves)
@@ -186,6 +196,8 @@ class _Support:
         Mean squared derivative of the image along the normal, 1/mm^2.
     offset : ndarray
         How far the line's own edge is from the surface, to first order, mm.
+    share : ndarray
+        What part of the line's weight in the cost is this image's.
     """
 
     points: np.ndarray
@@ -195,6 +207,7 @@ class _Support:
     variance: np.ndarray
     slope: np.ndarray
     offset: np.ndarray
+    share: np.ndarray
 
 
 def _support(correlation: Correlation) -> _Support:
@@ -203,14 +216,32 @@ def _support(correlation: Correlation) -> _Support:
     frame = samples.frame
     along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)
     slope = np.mean(along**2, axis=1)
+    share = np.ones(len(frame.area)) if correlation.share is None else correlation.share
     return _Support(
         frame.points,
         frame.normals,
         frame.area,
-        np.minimum(correlation.steps(), 1.0) * samples.weights.sum(axis=1) / np.maximum(frame.area, 1e-300),
+        np.minimum(correlation.steps(), 1.0) * samples.weights.sum(axis=1) / np.maximum(frame.area * share, 1e-300),
         np.mean(samples.residuals**2, axis=1),
         slope,
         -np.mean(along * samples.residuals, axis=1) / np.maximum(slope, 1e-12),
+        share,
+    )
+
+
+def _joint(supports: Sequence[_Support]) -> _Support:
+    """Combine what several images show: of an edge as much as the best one does, and where it is on average."""
+    if len(supports) == 1:
+        return supports[0]
+    weights = np.array([each.weight for each in supports])
+    shares = np.array([each.share for each in supports]) * weights
+    shares /= np.maximum(shares.sum(axis=0), 1e-300)
+    return replace(
+        supports[0],
+        weight=weights.max(axis=0),
+        variance=np.einsum("kn,kn->n", shares, [each.variance for each in supports]),
+        slope=np.einsum("kn,kn->n", shares, [each.slope for each in supports]),
+        offset=np.einsum("kn,kn->n", shares, [each.offset for each in supports]),
     )
 
 

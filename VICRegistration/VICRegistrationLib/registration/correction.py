@@ -11,7 +11,7 @@ A point is knowledge about the whole surface, not a dent in it. So
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,10 +29,12 @@ from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
 from .boundary import check_distances
 from .cost import Correlation, Objective
+from .joint_stacks import with_stacks
 from .nets import refined, sampled
 from .options import FitOptions
 from .sample_grid import SampledSurface
 from .schedule import Schedule
+from .stacks import StackUse
 from .stages import Stage, Step, iterate_stage
 
 # How far around a point space is deformed: this many radii of a ball of the organ's volume, and at least this many
@@ -66,7 +68,7 @@ _MET = 0.01
 
 
 def correct(
-    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions
+    image: Image, surface: BSplineSurface, points: np.ndarray, options: FitOptions, stacks: Sequence[StackUse] = ()
 ) -> Generator[Step, None, BSplineSurface]:
     """Correct a surface by boundary points, step by step.
 
@@ -80,6 +82,8 @@ def correct(
         At least one, RAS mm.
     options : FitOptions
         With automatic choices filled in; `boundary_weight` is that of the points.
+    stacks : sequence of StackUse
+        Further stacks that the surface was fitted to.
 
     Yields
     ------
@@ -101,8 +105,9 @@ def correct(
     distances = closest_points(surface, points).distances
     farthest = float(np.abs(distances).max())
     if farthest < _MET:
-        stage = Schedule.around(image, surface, options, points=points).to_boundary_points
-        cost = stage.correlation(sampled(surface, options.closure)).cost_of(surface)
+        schedule = Schedule.around(image, surface, options, points=points)
+        stage = with_stacks(schedule, surface, stacks, points=points).to_boundary_points
+        cost = stage.cost_of(sampled(surface, options.closure), surface)
         yield Step(stage.name, 1, cost, 0.0, surface, stage.stop_rule)
         return surface
     ball = ball_radius(surface.volume())
@@ -117,11 +122,12 @@ def correct(
         )
         raise ValueError(msg)
     observed = _Observed(before, deformed, points, distances, reach, options)
-    stage = Schedule.around(image, deformed, options, points=points).to_boundary_points
+    schedule = Schedule.around(image, deformed, options, points=points)
+    stage = with_stacks(schedule, deformed, stacks, points=points).to_boundary_points
     reached = yield from observed.fitted(stage)
     if check_surface(reached):
         # What the image shows beside the points contradicts them.
-        cost = stage.correlation(sampled(deformed, options.closure)).cost_of(deformed)
+        cost = stage.cost_of(sampled(deformed, options.closure), deformed)
         yield Step("boundary points, deformation alone", 1, cost, 0.0, deformed, "displacement")
         return deformed
     return reached
@@ -163,11 +169,11 @@ class _Observed:
         """Run a stage on the grey levels from the deformed surface, step by step."""
         space = sampled(self.deformed, self.options.closure)
         width = stage.virtual.profile.width
-        correlation = stage.correlation(space, share=self._seen(space, width))
+        correlations = stage.correlations(space, share=self._seen(space, width))
         weights = self.options.boundary_weight * np.pi * self.reach**2 / (width**2 * self.before.area())
-        stiffness, reference = self._with_points(space, weights, *self._hold(correlation, stage))
-        objective = Objective([correlation], stiffness=stiffness, reference=reference)
-        reached, whole = self.deformed, stage.correlation(space)
+        stiffness, reference = self._with_points(space, weights, *self._hold(correlations, stage))
+        objective = Objective(correlations, stiffness=stiffness, reference=reference)
+        reached, whole = self.deformed, Objective(stage.correlations(space))
         for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
             reached = space.parametrization.deform(iterate.q)
             yield Step(stage.name, iteration, whole.cost_of(reached), iterate.displacement, reached, stopped_by)
@@ -190,16 +196,16 @@ class _Observed:
         hidden = self._nearness(space, _BLIND * self.reach, opening)
         return (1.0 - hidden) * self._nearness(space, self.reach)
 
-    def _hold(self, correlation: Correlation, stage: Stage):
+    def _hold(self, correlations: Sequence[Correlation], stage: Stage):
         """Energies of the displacement since the deformed surface: matrix K and vector f of q' K q - 2 f' q."""
-        space = correlation.surface
+        space = correlations[0].surface
         frame = space.frame(np.zeros(space.n_dof))
         near = self._nearness(space, _NEAR * self.reach)
         unit = stage.virtual.profile.width**2
         back = np.einsum("nk,nk->n", space.grid.bases[0] @ self._way_back(), frame.normals)
         weight = _HOLD * frame.area / unit
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
-        energy = correlation.energies(bending=_STIFFER * stage.bending, sliding=stage.sliding, anchor=0.0)
+        energy = correlations[0].energies(bending=_STIFFER * stage.bending, sliding=stage.sliding, anchor=0.0)
         energy = energy + space.quadratic_form(weight[:, None, None] * along)
         return energy, space.normal_motion(frame.normals).T @ (weight * (1.0 - near) * back)
 

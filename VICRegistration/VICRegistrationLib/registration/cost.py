@@ -181,6 +181,14 @@ class Correlation:
         profile = self._fixed.profile
         return np.abs(profile.inside - profile.outside)[:, 0] / self._fixed.contrast
 
+    def doubt(self) -> np.ndarray:
+        """How much stronger the anchor is on each normal line at q = 0 for its weak edge or the volume's end, (n,)."""
+        q = np.zeros(self.surface.n_dof)
+        self.refresh(q)
+        factor = 1.0 / np.maximum(self.steps(), 1e-12) ** 4
+        factor = np.where(self._read(q).valid.all(axis=1), factor, _STRONGEST_ANCHOR)
+        return np.clip(factor, 1.0, _STRONGEST_ANCHOR)
+
     def _read(self, q: np.ndarray) -> _Reading:
         """Sample the image at q; kept, because an iteration starts where the last one ended."""
         if self._reading is None or not np.array_equal(q, self._reading.q):
@@ -208,7 +216,7 @@ class Correlation:
 
     # ------------------------------------------------------------------ energies
 
-    def displacement_energy(self, *, tangential: float, normal: float):
+    def displacement_energy(self, *, tangential: float, normal: float, others: Sequence[Correlation] = ()):
         """Mean squared displacement of the surface from q = 0 as a quadratic form, (n_dof, n_dof) in mm^2.
 
         Parameters
@@ -219,28 +227,35 @@ class Correlation:
             surface at q = 0 is known less, as it comes from whole voxels. Where the levels are estimated and differ
             less than elsewhere on the organ, it is up to `_STRONGEST_ANCHOR` times larger: a weak edge is easily
             mistaken for its neighbour. So it is where the volume ends: nothing else holds the surface there.
+        others : sequence of Correlation
+            Of the same surface with further images. Each place counts as in the image that shows it best.
         """
         q = np.zeros(self.surface.n_dof)
         frame = self.surface.frame(q)
         if self.virtual.adaptive and normal > 0.0:
-            self.refresh(q)
-            factor = 1.0 / np.maximum(self.steps(), 1e-12) ** 4
-            factor = np.where(self._read(q).valid.all(axis=1), factor, _STRONGEST_ANCHOR)
-            share = np.clip(factor, 1.0, _STRONGEST_ANCHOR) / self.virtual.blur(frame.normals) ** 2
-            normal = normal * share[:, None, None]
+            images = (self, *others)
+            factor = np.minimum.reduce([each.doubt() for each in images])
+            blur = np.minimum.reduce([each.virtual.blur(frame.normals) for each in images])
+            normal = normal * (factor / blur**2)[:, None, None]
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         outer = tangential * np.eye(3) + (normal - tangential) * along
         return self.surface.quadratic_form(frame.area[:, None, None] * outer)
 
-    def energies(self, *, bending: float, sliding: float, anchor: float):
+    def energies(self, *, bending: float, sliding: float, anchor: float, others: Sequence[Correlation] = ()):
         """Energies of the displacement since q = 0, with weights as of :class:`.stages.Stage`.
+
+        Parameters
+        ----------
+        bending, sliding, anchor : float
+        others : sequence of Correlation
+            As in :meth:`displacement_energy`.
 
         Returns
         -------
         (n_dof, n_dof) ndarray or sparse matrix
         """
         unit = self.virtual.profile.width**2
-        total = self.displacement_energy(tangential=sliding / unit, normal=anchor / unit)
+        total = self.displacement_energy(tangential=sliding / unit, normal=anchor / unit, others=others)
         if bending > 0.0:
             # One wave around the organ has second derivatives of (2 pi)^2 times its height.
             weight = bending / unit / (2.0 * np.pi) ** 4
@@ -303,6 +318,10 @@ class Objective:
         for hessian in (*others, *([] if self.stiffness is None else [self.stiffness])):
             first = first + hessian
         return first
+
+    def cost_of(self, surface: BSplineSurface) -> float:
+        """Costs of a surface that the degrees of freedom reach, added up, with the levels found along that at q = 0."""
+        return sum(cost.cost_of(surface) for cost in self.costs)
 
     def displacement(self, step: np.ndarray) -> float:
         """Largest displacement of a control point by a step of the degrees of freedom, mm."""

@@ -33,7 +33,16 @@ def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
         Empty if nothing is known to be wrong.
     """
     region = [] if fit.region is None else region_diagnostics(image, fit.region)
-    return [*_invalid(fit), *_unconverged(fit), *region, *_without_edge(fit), *_unlike_region(fit)]
+    return [*_invalid(fit), *_unconverged(fit), *region, *_without_edge(fit), *_unlike_region(fit), *_stacks(fit)]
+
+
+def _stacks(fit: OrganFit) -> list[Diagnostic]:
+    """Which further stacks were left out."""
+    return [
+        Diagnostic("stack_left_out", {"stack": stack.name, "reason": stack.reason})
+        for stack in fit.stacks
+        if not stack.used
+    ]
 
 
 def region_diagnostics(image: Image, region: Region) -> list[Diagnostic]:

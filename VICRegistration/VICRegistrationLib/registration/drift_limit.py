@@ -137,7 +137,7 @@ def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tupl
         return found, ()
     net, closure = schedule.options.net, schedule.options.closure
     surface = closed_surface(schedule.region.distance, net, closure)
-    cost = schedule.fine.correlation(sampled_net(net, closure).at(surface)).cost_of(surface)
+    cost = schedule.fine.cost_of(sampled_net(net, closure).at(surface), surface)
     step = Step("closed surface of the region kept", 1, cost, 0.0, surface, "displacement")
     yield step
     reasons = (

@@ -14,6 +14,7 @@ import numpy as np
 from ..geometry.models import DEFAULT_NET
 from ..messages import Diagnostic
 from .choices import Choice
+from .cost import Objective
 from .drift_limit import within_drift_limit
 from .nets import grid_shape, net_of, net_text, sampled_net
 from .sample_grid import SampledSurface, SampleGrid
@@ -105,8 +106,8 @@ def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> 
     """Share of the cost that a fit took off, between the lines on which it was fitted."""
     shape = grid_shape(net_of(end.surface, schedule.options.closure))
     between = SampleGrid.on(end.surface, shape, between=True)
-    correlation = schedule.fine.correlation(SampledSurface(space.parametrization.at(end.surface), between))
-    return 1.0 - correlation.cost_of(end.surface) / correlation.cost_of(start.surface)
+    objective = Objective(schedule.fine.correlations(SampledSurface(space.parametrization.at(end.surface), between)))
+    return 1.0 - objective.cost_of(end.surface) / objective.cost_of(start.surface)
 
 
 def _told(code: str, step: Step, closure: str, explained: float, **shares: float) -> Diagnostic:

@@ -16,7 +16,7 @@ volume lies in the world nor on the order of its axes in memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -38,10 +38,12 @@ from .confidence import Confidence, confidence_of
 from .correction import correct
 from .drift_limit import left_out, valid_at_last, within_drift_limit
 from .finer_nets import first_net, fit_finer
+from .joint_stacks import JointStacks
 from .nets import net_of, net_text, sampled_net
 from .options import FitOptions
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
+from .stacks import Stack, StackUse, as_stacks
 from .stages import Step, last_step
 
 
@@ -76,6 +78,8 @@ class OrganFit:
         What was chosen for the net, tau and the smoothness, and why.
     image : Image
         The grey levels that it was fitted to.
+    stacks : tuple of StackUse
+        What became of each further stack, in the order in which they were given.
 
     Examples
     --------
@@ -104,6 +108,7 @@ class OrganFit:
     uncorrected: BSplineSurface
     choices: tuple[Choice, ...]
     image: Image
+    stacks: tuple[StackUse, ...] = ()
 
     def __repr__(self) -> str:
         """Tell the result in one line."""
@@ -121,7 +126,7 @@ class OrganFit:
     @cached_property
     def confidence(self) -> Confidence:
         """How sure the surface is, point by point."""
-        return confidence_of(self.image, self.surface, self.options)
+        return confidence_of(self.image, self.surface, self.options, stacks=self.stacks)
 
     @cached_property
     def left_out(self) -> tuple[float, str]:
@@ -135,7 +140,12 @@ class OrganFit:
 
 
 def fit_organ(
-    image: Image, seeds: np.ndarray, options: FitOptions | None = None, *, boundary_points: np.ndarray | None = None
+    image: Image,
+    seeds: np.ndarray,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    further: Sequence[Stack | Image] = (),
 ) -> Generator[Step, None, OrganFit]:
     """Separate an organ and fit a surface to it, step by step.
 
@@ -146,6 +156,7 @@ def fit_organ(
         Points inside the organ, RAS mm.
     options : FitOptions, optional
     boundary_points : (n, 3) array_like, optional
+    further : sequence of Stack, Image or path
         As in :func:`fit_region`.
 
     Yields
@@ -163,13 +174,18 @@ def fit_organ(
         If the organ cannot be separated, or a boundary point cannot be used.
     """
     image, options = as_image(image), options or FitOptions()
-    points = checked_boundary_points(boundary_points)
+    points, stacks = checked_boundary_points(boundary_points), as_stacks(further)
     region = separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
-    return (yield from fit_region(image, region, options, boundary_points=points))
+    return (yield from fit_region(image, region, options, boundary_points=points, further=stacks))
 
 
 def fit_region(
-    image: Image, region: Region, options: FitOptions | None = None, *, boundary_points: np.ndarray | None = None
+    image: Image,
+    region: Region,
+    options: FitOptions | None = None,
+    *,
+    boundary_points: np.ndarray | None = None,
+    further: Sequence[Stack | Image] = (),
 ) -> Generator[Step, None, OrganFit]:
     """Fit a surface to a separated region and then to the grey levels, step by step.
 
@@ -183,6 +199,8 @@ def fit_region(
     boundary_points : (n, 3) array_like, optional
         Where the wall is known to be, RAS mm. After the fit they pull the surface in their surroundings, see
         :mod:`.correction`; the net becomes finer for it.
+    further : sequence of Stack, Image or path
+        More stacks of the patient, which the surface is fitted to as well, see :mod:`.stacks`.
 
     Yields
     ------
@@ -200,13 +218,14 @@ def fit_region(
     """
     start, image, options = time.perf_counter(), as_image(image), options or FitOptions()
     check_scale(image)
-    points = checked_boundary_points(boundary_points)
+    points, stacks = checked_boundary_points(boundary_points), as_stacks(further)
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, options.filled_in(threshold=region.threshold))
     net = first_net(options.net, options.closure)
     model = generic_model(options.model, schedule.region.shape(pose.extents), net, options.closure)
     history: list[Step] = []
-    outcome = yield from recorded(_register(model, schedule, options), history, local_to_ras=frame_of(pose))
+    joint = JointStacks(stacks, frame_of(pose))
+    outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=joint.frame)
     return (yield from completed(image, history, outcome, points, region=region, start=start))
 
 
@@ -221,14 +240,18 @@ class Outcome:
     choices : tuple of Choice
     cost_initial : float
         Cost of the generic model, or of the surface that is fitted again, seen with the levels of the last stage.
+    stacks : tuple of StackUse
     """
 
     options: FitOptions
     choices: tuple[Choice, ...]
     cost_initial: float
+    stacks: tuple[StackUse, ...] = ()
 
 
-def _register(model: BSplineSurface, schedule: Schedule, options: FitOptions) -> Generator[Step, None, Outcome]:
+def _register(
+    model: BSplineSurface, schedule: Schedule, options: FitOptions, stacks: JointStacks
+) -> Generator[Step, None, Outcome]:
     """Register a generic model, step by step, in the organ's frame."""
     first = net_of(model, options.closure)
     space = sampled_net(first, options.closure)
@@ -236,17 +259,21 @@ def _register(model: BSplineSurface, schedule: Schedule, options: FitOptions) ->
     scaled = yield from last_step(schedule.scaling, scaling)
     on_region = yield from last_step(schedule.on_region, space.at(scaled.surface))
     coarse = yield from last_step(schedule.coarse, space.at(on_region.surface))
+    schedule, coarse = yield from stacks.joined(schedule, coarse, space)
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
     fine = yield from last_step(schedule.fine, space.at(coarse.surface))
+    schedule, surface = stacks.realigned(schedule, fine.surface)
+    fine = replace(fine, surface=surface)
     found, limited = yield from within_drift_limit(
         fine, schedule, space, on_region=on_region, fallback=scaled, called="scaled model"
     )
     found, (chosen_net, *more) = yield from fit_finer(found, schedule, options.net)
+    schedule, found = yield from stacks.settled(schedule, found)
     found, resort = yield from valid_at_last(found, schedule)
     net = net_of(found.surface, options.closure)
     choices = (replace(chosen_net, value=net_text(net)), *choices, *limited, *more, *resort)
     cost = _cost_of_model(model, found.surface, schedule)
-    return Outcome(schedule.options.filled_in(net=net), choices, cost)
+    return Outcome(schedule.options.filled_in(net=net), choices, cost, stacks.uses(found.surface))
 
 
 def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Schedule) -> float:
@@ -255,7 +282,7 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
     while model.control_net.shape != found.control_net.shape:
         model, halvings = model.refined(), halvings + 1
     space = sampled_net(schedule.options.net, closure, halvings)
-    return schedule.fine.correlation(space.at(found)).cost_of(model)
+    return schedule.fine.cost_of(space.at(found), model)
 
 
 def recorded(
@@ -316,7 +343,7 @@ def completed(
     uncorrected = history[-1].surface if surface is None else surface
     points, correction = pulling(points, options), []
     if len(points):
-        yield from recorded(correct(image, uncorrected, points, options), correction)
+        yield from recorded(correct(image, uncorrected, points, options, outcome.stacks), correction)
     steps = (*history, *correction)
     net = net_of(steps[-1].surface, options.closure)
     if net != net_of(uncorrected, options.closure):
@@ -334,6 +361,7 @@ def completed(
         uncorrected=uncorrected,
         choices=choices,
         image=image,
+        stacks=outcome.stacks,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +13,12 @@ from ..imaging.image import Image, as_image
 from ..imaging.region import Region
 from .boundary import checked_boundary_points
 from .choices import choose_beside, choose_by
+from .joint_stacks import JointStacks
 from .nets import closure_of, net_of, sampled
 from .options import FitOptions
 from .organ import OrganFit, Outcome, completed, pulling, recorded
 from .schedule import ANCHOR, Schedule
+from .stacks import Stack, as_stacks
 from .stages import Step, last_step
 
 # A surface whose cost falls by more than this share as soon as it is let go does not lie at its edge. Those that were
@@ -31,6 +33,7 @@ def refit(
     *,
     boundary_points: np.ndarray | None = None,
     region: Region | None = None,
+    further: Sequence[Stack | Image] = (),
 ) -> Generator[Step, None, OrganFit]:
     """Fit a surface again that is there already, step by step.
 
@@ -50,6 +53,8 @@ def refit(
         Where the wall is known to be, RAS mm.
     region : Region, optional
         What the surface was fitted to before; it is only handed on.
+    further : sequence of Stack, Image or path
+        More stacks of the patient. `StackUse.stack` begins with the motion that an earlier fit has found.
 
     Yields
     ------
@@ -67,26 +72,30 @@ def refit(
     """
     start, image = time.perf_counter(), as_image(image)
     points = checked_boundary_points(boundary_points)
+    stacks = JointStacks(as_stacks(further), np.eye(4))
     closure = closure_of(surface)
     options = (options or FitOptions()).filled_in(closure=closure, net=net_of(surface, closure))
     if region is not None:
         options = options.filled_in(threshold=region.threshold)
     history: list[Step] = []
     if len(pulling(points, options)):
-        outcome = _kept(image, surface, options)
+        outcome = _kept(image, surface, options, stacks)
         return (yield from completed(image, history, outcome, points, region=region, start=start, surface=surface))
-    outcome = yield from recorded(_fit_again(image, surface, options), history)
+    outcome = yield from recorded(_fit_again(image, surface, options, stacks), history)
     return (yield from completed(image, history, outcome, points, region=region, start=start))
 
 
-def _kept(image: Image, surface: BSplineSurface, options: FitOptions) -> Outcome:
+def _kept(image: Image, surface: BSplineSurface, options: FitOptions, stacks: JointStacks) -> Outcome:
     """Choose by a surface that stays as it is."""
     schedule, choices = choose_beside(surface, Schedule.around(image, surface, options), options)
-    cost = schedule.fine.correlation(sampled(surface, options.closure)).cost_of(surface)
-    return Outcome(schedule.options, choices, cost)
+    schedule = stacks.beside(schedule, surface)
+    cost = schedule.fine.cost_of(sampled(surface, options.closure), surface)
+    return Outcome(schedule.options, choices, cost, stacks.uses(surface))
 
 
-def _fit_again(image: Image, surface: BSplineSurface, options: FitOptions) -> Generator[Step, None, Outcome]:
+def _fit_again(
+    image: Image, surface: BSplineSurface, options: FitOptions, stacks: JointStacks
+) -> Generator[Step, None, Outcome]:
     """Fit a surface to the grey levels again, step by step.
 
     A first stage lets the surface go, and is not kept: by what it comes to, smoothness and anchor are chosen as in a
@@ -94,13 +103,15 @@ def _fit_again(image: Image, surface: BSplineSurface, options: FitOptions) -> Ge
     it. Otherwise it is held where it lies, as the region held it when it was fitted: fitted again, it moves little.
     """
     schedule, _ = choose_beside(surface, Schedule.around(image, surface, options), options)
+    schedule = stacks.beside(schedule, surface)
     space = sampled(surface, options.closure)
-    before = schedule.coarse.correlation(space).cost_of(surface)
+    before = schedule.coarse.cost_of(space, surface)
     free = yield from last_step(replace(schedule.coarse, name="grey levels, first look"), space)
     schedule, choices = choose_by(free, schedule, options)
     reached = surface
     if free.cost < (1.0 - _LARGEST_GAIN_AT_EDGE) * before:
         reached = (yield from last_step(schedule.chosen(anchor=ANCHOR).coarse, space)).surface
+    schedule, reached = stacks.realigned(schedule, reached)
     reached = (yield from last_step(schedule.fine, space.at(reached))).surface
-    cost = schedule.fine.correlation(space.at(reached)).cost_of(surface)
-    return Outcome(schedule.options, choices, cost)
+    cost = schedule.fine.cost_of(space.at(reached), surface)
+    return Outcome(schedule.options, choices, cost, stacks.uses(reached))

@@ -14,7 +14,7 @@ from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .options import MAX_ITERATIONS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .region_image import RegionImage, region_image
-from .stages import Stage
+from .stages import Further, Stage
 from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS, IntensityProfile, VirtualImage
 
 # Surroundings of the region that the model may start in, mm.
@@ -36,8 +36,54 @@ REGION_COST_TOLERANCE = 2e-2
 BOUNDARY_TOLERANCE = 0.02
 # Smoothness before the noise is known.
 SMOOTHNESS_TO_START = 1e-5
+# Where a surface is looked at to tell how much of it an image shows.
+_SEEN_AT = (24, 16)
 # Least width of an edge that is looked for, in voxels.
 _LEAST_TAU = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A further image of the organ, in the frame in which it is fitted.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The grey levels around the organ, moved to where the first image shows it.
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel, mm.
+    inside, outside : float
+        Typical grey levels on both sides of the organ's boundary; the inside may be the darker one.
+    tau : float
+        Width of the edge, mm.
+    trust : float
+        How much a voxel of it counts beside one of the first image.
+    """
+
+    sampler: Sampler
+    voxel: np.ndarray
+    inside: float
+    outside: float
+    tau: float
+    trust: float = 1.0
+
+    def seen(self, surface: BSplineSurface) -> float:
+        """Share of a surface's area that lies in the image."""
+        u, v = surface.midpoints(*_SEEN_AT)
+        area = np.linalg.norm(np.cross(surface.points(u, v, du=1), surface.points(u, v, dv=1)), axis=1)
+        return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
+
+    def voxels_along(self, surface: BSplineSurface) -> float:
+        """Tell how many of its voxels lie in a band around a surface, as wide as its edge."""
+        return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
+
+    def compared(self, options: FitOptions, *, widening: float) -> Further:
+        """Make what a stage compares with this image, with a ramp so much wider."""
+        centered = options.profile == "centered"
+        profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
+        # Levels that are given are those of the first image.
+        mode = "local" if options.levels == "given" else options.levels
+        return Further(self.sampler, VirtualImage(profile, mode=mode, voxel=self.voxel), self.trust)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +104,8 @@ class Schedule:
         The separated region; None for a surface that is there already.
     anchor : float
         Weight against leaving the surface that a stage on the grey levels begins with.
+    views : tuple of View
+        Further images of the organ.
     """
 
     sampler: Sampler
@@ -67,6 +115,7 @@ class Schedule:
     options: FitOptions
     region: RegionImage | None = None
     anchor: float = ANCHOR
+    views: tuple[View, ...] = ()
 
     @classmethod
     def of_region(cls, image: Image, region: Region, pose: Moments, options: FitOptions) -> Schedule:
@@ -129,9 +178,9 @@ class Schedule:
         pixel = float(min(image.spacing))
         net = surface.control_net.reshape(-1, 3)
         reach = 4.0 * (options.tau or MOST_TAU_PIXELS * pixel)
-        sampler = Sampler(_crop_around(image, net if points is None else np.concatenate([net, points]), reach))
+        sampler = Sampler(crop_around(image, net if points is None else np.concatenate([net, points]), reach))
         options = _as_to_start(options, pixel)
-        levels = _levels_beside(surface, sampler, options)
+        levels = levels_beside(surface, sampler, options)
         return cls(sampler, image.ijk_to_ras[:3, :3], *levels, options)
 
     def chosen(self, *, anchor: float | None = None, **options) -> Schedule:
@@ -150,7 +199,8 @@ class Schedule:
 
     def voxels_along(self, surface: BSplineSurface) -> float:
         """Tell how many voxels lie in a band around a surface, as wide as its edge: what is seen there."""
-        return surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
+        first = surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
+        return first + sum(view.voxels_along(surface) for view in self.views)
 
     # ------------------------------------------------------------------ stages
 
@@ -218,6 +268,7 @@ class Schedule:
             loss=options.loss,
             solver=options.solver,
             max_iterations=options.max_iterations,
+            further=tuple(view.compared(options, widening=widening) for view in self.views),
         )
 
     @property
@@ -264,18 +315,39 @@ def _levels_of_region(target: RegionImage, sampler: Sampler, reach: float, optio
     return float(np.median(inside)), float(np.median(outside))
 
 
-def _levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them.
-
-    They are equal where the image shows no difference.
-    """
+def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
     if options.levels == "given":
         return options.inside, options.outside
-    u, v = surface.midpoints(24, 16)
+    return measured_levels(surface, sampler, options.tau)
+
+
+def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+    sampler : Sampler
+        The image, in the frame of the surface.
+    tau : float
+        Width of the edge, mm.
+
+    Returns
+    -------
+    inside, outside : float
+        Equal where the image shows no difference.
+
+    Raises
+    ------
+    ValueError
+        If the surface lies outside of the volume.
+    """
+    u, v = surface.midpoints(*_SEEN_AT)
     points, normals = surface.points(u, v), surface.normals(u, v)
     medians = []
     for depths in (PROBE_DEPTHS[INSIDE_PROBES], PROBE_DEPTHS[OUTSIDE_PROBES]):
-        values, valid = sampler.values(points[:, None] + options.tau * depths[:, None] * normals[:, None])
+        values, valid = sampler.values(points[:, None] + tau * depths[:, None] * normals[:, None])
         if not valid.any():
             msg = "The surface lies outside of the volume; choose the volume that it was fitted in."
             raise ValueError(msg)
@@ -286,7 +358,7 @@ def _levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOption
 # ------------------------------------------------------------------ parts of the image
 
 
-def _crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
+def crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
     """Cut out the image around points, (n, 3) RAS mm."""
     reach = margin / image.spacing
     ijk = image.to_ijk(points)

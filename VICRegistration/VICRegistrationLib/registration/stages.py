@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +10,65 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .cost import LOSSES, Correlation, Objective
-from .sample_grid import SampledSurface
+from .sample_grid import Frame, SampledSurface
 from .solvers import SOLVERS, Iterate
 from .virtual_image import VirtualImage
 
 STOP_RULES = ("displacement", "parameters")
 # A solver that expected a larger share of the cost than this to go, and got almost nothing, is stuck, not at rest.
 _STUCK = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """A further image that a stage compares its surface with.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The image, in the frame of the surface.
+    virtual : VirtualImage
+        With the image's own levels, width of the edge and voxel.
+    trust : float
+        How much a voxel of it counts beside one of the first image.
+    """
+
+    sampler: Sampler
+    virtual: VirtualImage
+    trust: float = 1.0
+
+
+def line_shares(images: Sequence[Further], frame: Frame, reach: float) -> np.ndarray:
+    """Divide each normal line's weight among several images of one surface.
+
+    Parameters
+    ----------
+    images : sequence of Further
+    frame : Frame
+        Of the surface at n samples.
+    reach : float
+        Of the samples along a line, in widths of the ramp.
+
+    Returns
+    -------
+    (len(images), n) ndarray
+        Sums to 1 on every line: a line has the weight that it has with one image, so that the energies keep theirs.
+
+    Notes
+    -----
+    An image counts by the voxels that it has for a piece of the surface, and by the inverse square of a voxel's length
+    along the normal: the steeper the edge, the better its place is known. Where a line leaves an image, that has no
+    part of it.
+    """
+    weights = []
+    for image in images:
+        virtual = image.virtual
+        ends = virtual.profile.depths(reach, 3)
+        seen = image.sampler.values(frame.along_normals(ends))[1].mean(axis=1)
+        length = np.linalg.norm(frame.normals @ virtual.voxel, axis=1)
+        weights.append(image.trust * seen / (abs(np.linalg.det(virtual.voxel)) * length**2))
+    total = np.sum(weights, axis=0)
+    return np.where(total > 0.0, np.array(weights) / np.where(total > 0.0, total, 1.0), 1.0 / len(images))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +103,8 @@ class Stage:
     max_iterations : int
     largest_step : float
         Largest displacement of a control point in one iteration, mm.
+    further : tuple of Further
+        More images that show the same surface.
     """
 
     name: str
@@ -68,6 +122,7 @@ class Stage:
     cost_tolerance: float = 0.0
     max_iterations: int = 50
     largest_step: float = 10.0
+    further: tuple[Further, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the choices."""
@@ -82,11 +137,27 @@ class Stage:
         depths = self.virtual.profile.depths(self.reach, self.n_depths)
         return Correlation(self.sampler, self.virtual, surface, depths=depths, loss=self.loss, share=share)
 
+    def correlations(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> tuple[Correlation, ...]:
+        """Make the correlations of a surface with all images, each with its part of the lines' weights."""
+        if not self.further:
+            return (self.correlation(surface, share=share),)
+        images = (Further(self.sampler, self.virtual), *self.further)
+        parts = line_shares(images, surface.frame(np.zeros(surface.n_dof)), self.reach)
+        stages = (replace(self, sampler=image.sampler, virtual=image.virtual) for image in images)
+        return tuple(
+            stage.correlation(surface, share=part if share is None else share * part)
+            for stage, part in zip(stages, parts)
+        )
+
     def objective(self, surface: SampledSurface) -> Objective:
         """Make what this stage minimises over the degrees of freedom of a surface."""
-        correlation = self.correlation(surface)
-        energies = correlation.energies(bending=self.bending, sliding=self.sliding, anchor=self.anchor)
-        return Objective([correlation], stiffness=energies)
+        first, *others = correlations = self.correlations(surface)
+        energies = first.energies(bending=self.bending, sliding=self.sliding, anchor=self.anchor, others=others)
+        return Objective(correlations, stiffness=energies)
+
+    def cost_of(self, surface: SampledSurface, other: BSplineSurface) -> float:
+        """Cost in all images of another surface that the degrees of freedom reach, with the levels along this one."""
+        return Objective(self.correlations(surface)).cost_of(other)
 
 
 @dataclass(frozen=True, eq=False)

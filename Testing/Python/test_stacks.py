@@ -1,0 +1,110 @@
+"""Several stacks of one patient: one surface for all of them, and the motion between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_phantom import CENTER
+from stack_phantom import dented, motion_about, stack_of
+
+import VICRegistrationLib as vic
+from VICRegistrationLib.analysis.comparison import distances_from
+from VICRegistrationLib.analysis.distances import points_on
+from VICRegistrationLib.registration.diagnostics import fit_diagnostics
+from VICRegistrationLib.registration.stacks import as_stacks
+
+SEEDS = CENTER[None]
+GRID = {"spacing": (0.8, 0.8, 4.0), "size": (84, 84, 17)}
+MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return dented()
+
+
+@pytest.fixture(scope="module")
+def sagittal(truth):
+    return stack_of(truth, "sagittal", **GRID)
+
+
+@pytest.fixture(scope="module")
+def axial(truth):
+    return stack_of(truth, "axial", motion=MOTION, seed=2, **GRID)
+
+
+@pytest.fixture(scope="module")
+def alone(sagittal):
+    return vic.fit(sagittal, SEEDS)
+
+
+@pytest.fixture(scope="module")
+def both(sagittal, axial):
+    return vic.fit(sagittal, SEEDS, further=[axial])
+
+
+def error(surface, truth) -> float:
+    """Mean distance from the truth, mm."""
+    return float(np.abs(distances_from(surface, points_on(truth, 2000))).mean())
+
+
+def test_a_second_stack_that_was_moved_brings_the_surface_nearer_to_the_truth(alone, both, truth):
+    assert error(both.surface, truth) < 0.7 * error(alone.surface, truth)
+
+
+def test_the_motion_between_stacks_is_found(both, truth):
+    (stack,) = both.stacks
+    assert stack.used
+    assert stack.reason is None
+    points = points_on(truth, 500)
+    off = points @ (stack.motion - MOTION)[:3, :3].T + (stack.motion - MOTION)[:3, 3]
+    assert np.linalg.norm(off, axis=1).mean() < 0.3
+    assert np.allclose(stack.translation_mm, [2.0, -1.5, 1.5], atol=0.3)
+    assert stack.rotation_degrees == pytest.approx(2.05, abs=0.7)
+
+
+def test_a_stack_that_is_moved_too_far_is_left_out_and_why_is_told(sagittal, truth, alone):
+    far = stack_of(truth, "axial", motion=motion_about(CENTER, (0.0, 0.0, 30.0), (0, 0, 0)), size=(56, 56, 30))
+    found = vic.fit(sagittal, SEEDS, further=[far])
+    (stack,) = found.stacks
+    assert not stack.used
+    assert "30 mm" in stack.reason.sentence()
+    assert [each.code for each in fit_diagnostics(sagittal, found)] == ["stack_left_out"]
+    assert np.array_equal(found.surface.control_net, alone.surface.control_net)
+
+
+def test_one_stack_alone_or_an_empty_list_take_the_same_way(sagittal, alone):
+    again = vic.fit(sagittal, SEEDS, further=[])
+    assert np.array_equal(again.surface.control_net, alone.surface.control_net)
+    assert again.stacks == ()
+
+
+def test_a_refit_begins_with_the_motion_that_was_found(sagittal, both, truth):
+    again = vic.refit(sagittal, both.surface, both.options, further=[stack.stack for stack in both.stacks])
+    assert again.stacks[0].used
+    assert np.abs(again.stacks[0].motion - both.stacks[0].motion).max() < 0.15
+    assert error(again.surface, truth) < error(both.surface, truth) + 0.02
+
+
+def test_boundary_points_pull_a_surface_of_several_stacks(sagittal, axial, both):
+    point = both.surface.points(np.array([0.3]), np.array([0.5])) + 3.0 * both.surface.normals(
+        np.array([0.3]), np.array([0.5])
+    )
+    stacks = [stack.stack for stack in both.stacks]
+    pulled = vic.refit(sagittal, both.surface, both.options, boundary_points=point, further=stacks)
+    assert abs(pulled.surface.closest_points(point).distances[0]) < 0.3
+    assert pulled.stacks[0].used
+
+
+def test_a_second_stack_makes_the_surface_more_certain(alone, both):
+    assert both.confidence.deviations.mean() < 0.85 * alone.confidence.deviations.mean()
+
+
+def test_what_is_no_stack_is_refused(sagittal):
+    with pytest.raises(TypeError, match="as a list"):
+        as_stacks(sagittal)
+    with pytest.raises(TypeError, match="An image is needed"):
+        as_stacks([np.zeros((3, 3, 3))])
+    with pytest.raises(ValueError, match="not rigid"):
+        as_stacks([vic.Stack(sagittal, motion=2.0 * np.eye(4))])
+    assert [stack.name for stack in as_stacks([sagittal, vic.Stack(sagittal, "axial")])] == ["stack 2", "axial"]

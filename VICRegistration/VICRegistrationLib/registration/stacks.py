@@ -1,0 +1,168 @@
+"""Further stacks of one patient: what a fit is given, and what became of each.
+
+A fit takes the image in which the organ was separated, and any number of further ones::
+
+    fit = vic.fit("sag.nii.gz", seeds, further=["ax.nii.gz", "cor.nii.gz"])
+    for stack in fit.stacks:
+        print(stack.name, stack.used, stack.translation_mm, stack.rotation_degrees)
+
+The patient moves between two stacks, so that each further one has a rigid motion, found with the surface: see
+:mod:`.alignment`. It belongs to the organ and the stack, for organs also fill and slide. A stack that does not show the
+organ as the first one does is left out, and why is told.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..imaging.image import Image, as_image
+from ..messages import Diagnostic
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """A further image of the organ that is fitted.
+
+    Parameters
+    ----------
+    image : Image or path
+        In its own RAS mm, on any grid, in any contrast.
+    name : str
+        By which it is told in results; the name of the file, or a number, if not given.
+    motion : (4, 4) array_like
+        Where to begin to look for the organ: takes points of the first image to this one, RAS mm. No motion if not
+        given; that of an earlier fit (`StackUse.motion`) to fit again.
+
+    Examples
+    --------
+    A ball in slices of two directions, the second time 2 mm higher:
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> def ball(matrix, center):
+    ...     k, j, i = np.indices((24, 24, 24))
+    ...     ras = np.stack([i, j, k], axis=-1) @ matrix[:3, :3].T + matrix[:3, 3]
+    ...     distance = np.linalg.norm(ras - center, axis=-1)
+    ...     return vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), matrix)
+    >>> sagittal = ball(np.diag([2.5, 2, 2, 1]), [28, 23, 23])
+    >>> axial = ball(np.diag([2, 2, 2.5, 1]), [28, 23, 25])
+    >>> fit = vic.fit(sagittal, [[28, 23, 23]], net=(9, 7), further=[vic.Stack(axial, "axial")])
+    >>> stack = fit.stacks[0]
+    >>> stack.name, stack.used, bool(abs(stack.translation_mm - [0, 0, 2]).max() < 0.1)
+    ('axial', True, True)
+    """
+
+    image: Image
+    name: str = ""
+    motion: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True, eq=False)
+class StackUse:
+    """What became of a further stack in a fit.
+
+    Parameters
+    ----------
+    name : str
+    image : Image
+    used : bool
+        Whether the surface was fitted to it as well.
+    reason : Diagnostic or None
+        Why it was not used.
+    motion : (4, 4) ndarray
+        Rigid, RAS mm: takes points of the first image to where this stack shows them, see `to_first`.
+    center : (3,) ndarray
+        Of the organ in the first image, RAS mm.
+    seen : float
+        Share of the surface's area that lies in the stack, 0 to 1.
+    cost : float
+        Mean squared residual along the surface in this stack, in units of its squared contrast; infinite where it shows
+        no difference between both sides.
+    """
+
+    name: str
+    image: Image
+    used: bool
+    reason: Diagnostic | None
+    motion: np.ndarray
+    center: np.ndarray
+    seen: float
+    cost: float
+
+    @property
+    def translation_mm(self) -> np.ndarray:
+        """Displacement of the organ's centre from the first image to this stack, (3,) mm along R, A and S."""
+        return self.motion[:3, :3] @ self.center + self.motion[:3, 3] - self.center
+
+    @property
+    def rotation_degrees(self) -> float:
+        """Angle of the organ's rotation about its centre from the first image to this stack."""
+        return rotation_degrees(self.motion)
+
+    @property
+    def to_first(self) -> np.ndarray:
+        """Inverse motion, (4, 4): brings the stack to where the first image shows the organ."""
+        return np.linalg.inv(self.motion)
+
+    @property
+    def stack(self) -> Stack:
+        """What to give to another fit, which begins with the motion that was found."""
+        return Stack(self.image, self.name, self.motion)
+
+
+def rotation_degrees(motion: np.ndarray) -> float:
+    """Angle of the rotation of a rigid motion (4, 4), degrees."""
+    cosine = (np.trace(motion[:3, :3]) - 1.0) / 2.0
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def as_stacks(further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Stack, ...]:
+    """Take stacks, images or paths of images as stacks.
+
+    Parameters
+    ----------
+    further : sequence of Stack, Image or path
+
+    Returns
+    -------
+    tuple of Stack
+        With images that are read, and names.
+
+    Raises
+    ------
+    TypeError
+        If one is none of these, or it is not a sequence of them.
+    ValueError
+        If a file cannot be read as a volume, or a motion is not rigid.
+    """
+    if isinstance(further, (Stack, Image, str, os.PathLike)):
+        msg = "Further stacks are needed as a list, and one was given alone; put it in brackets."
+        raise TypeError(msg)
+    stacks = []
+    for number, given in enumerate(further, start=2):
+        stack = given if isinstance(given, Stack) else Stack(given)
+        path = stack.image if isinstance(stack.image, (str, os.PathLike)) else None
+        name = stack.name or (f"stack {number}" if path is None else Path(path).name)
+        stacks.append(Stack(as_image(stack.image), name, _checked_motion(stack.motion)))
+    return tuple(stacks)
+
+
+def _checked_motion(motion) -> np.ndarray:
+    """Refuse a motion that is not a rigid one."""
+    matrix = np.asarray(motion, dtype=float)
+    rigid = (
+        matrix.shape == (4, 4)
+        and np.isfinite(matrix).all()
+        and np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-4)
+        and np.linalg.det(matrix[:3, :3]) > 0.0
+        and np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0])
+    )
+    if not rigid:
+        msg = f"The motion {matrix.tolist()} of a stack is not rigid; give a 4 x 4 matrix of a turn and a shift, mm."
+        raise ValueError(msg)
+    return matrix
