@@ -41,6 +41,7 @@ BENCHMARKS = {
     "corrections": ("corrections.report", "Boundary points where the start is wrong"),
     "preview": ("previews.report", "The preview in Slicer"),
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
+    "models": ("models.report", "Generic models of several organs"),
     "kills": ("kills.report", "Fits that are killed at random moments"),
     "reproduce": ("reproduced.report", "The paper's validation"),
     "clone": ("fresh_clone.report", "The two commands in a fresh clone"),

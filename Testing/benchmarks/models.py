@@ -1,0 +1,88 @@
+"""Generic models: how exact their patches are, what Open CASCADE reads in their STEP files, and their meshes."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from measuring import table
+
+from VICRegistrationLib.meshing.quality import quality
+from VICRegistrationLib.meshing.regions import MeshOptions
+from VICRegistrationLib.multipatch.library import MODELS
+from VICRegistrationLib.multipatch.mesh import mesh_model
+from VICRegistrationLib.multipatch.model import MultiPatchModel
+from VICRegistrationLib.multipatch.step import write_model_step
+
+_SIZE_MM = 3.0
+_SAMPLES = 15
+
+
+def report(*, quick: bool) -> str:
+    """Measure the models that ship; the first only, if quick."""
+    if importlib.util.find_spec("gmsh") is None:
+        return "  Skipped: gmsh is not installed."
+    if importlib.util.find_spec("OCP") is None:
+        return "  Skipped: cadquery-ocp-novtk is not installed."
+    models = {name: make() for name, make in list(MODELS.items())[: 1 if quick else None]}
+    patches = [["patches", "points", "off the organ's surface, mm", "angle along borders, degrees"]]
+    solids = [["STEP file", "kB", "solids", "faces", "valid", "volume off, relative"]]
+    meshes = [["mesh", "order", "elements", "inverted", "least Jacobian", "lowest volume %", "highest volume %"]]
+    for name, model in models.items():
+        points = len(model.points)
+        patches.append([name, f"{points}", f"{_deviation(model):.0e}", f"{_angle(model):.0e}"])
+        solids.append([name, *_step(model)])
+        for order in (1, 2):
+            found = quality(mesh_model(model, MeshOptions(size=_SIZE_MM, order=order)))
+            off = [100.0 * (group["volume_ratio"] - 1.0) for group in found.groups.values()]
+            numbers = [f"{found.tetrahedra}", f"{found.inverted}", f"{found.scaled_jacobian_min:.3f}"]
+            meshes.append([name, f"{order}", *numbers, f"{min(off):+.2f}", f"{max(off):+.2f}"])
+    about = f"  Elements of {_SIZE_MM:g} mm. Jacobians are scaled: 1 is the best, 0 is flat. Volumes: difference."
+    return "\n\n".join([table(patches), table(solids), about, table(meshes)])
+
+
+def _deviation(model: MultiPatchModel) -> float:
+    """Largest distance of an organ's patches from its surface at the same parameters, mm."""
+    worst = 0.0
+    for organ, parent in model.parents.items():
+        for patch in model.patches_of(organ):
+            piece = patch.surface(model.points)
+            u, v = piece.midpoints(_SAMPLES, _SAMPLES)
+            worst = max(worst, np.abs(piece.points(u, v) - parent.points(u % 1.0, v)).max())
+    return worst
+
+
+def _angle(model: MultiPatchModel) -> float:
+    """Largest angle between the normals of an organ's patches along their common borders in v, degrees."""
+    worst = 0.0
+    for organ in model.organs:
+        patches = model.patches_of(organ)
+        for one in patches:
+            for other in patches:
+                if np.array_equal(one.indices[-1], other.indices[0]):
+                    here, there = one.surface(model.points), other.surface(model.points)
+                    v, ones = here.midpoints(1, _SAMPLES)[1], np.ones(_SAMPLES)
+                    ends = here.normals(here.domain[0][1] * ones, v), there.normals(there.domain[0][0] * ones, v)
+                    worst = max(worst, np.linalg.norm(np.cross(*ends), axis=1).max())
+    return float(np.degrees(np.arcsin(worst)))
+
+
+def _step(model: MultiPatchModel) -> list[str]:
+    """What Open CASCADE finds in the STEP file."""
+    # What asks Open CASCADE is the tests'.
+    sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "Python")]
+    import open_cascade
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "model.step")
+        write_model_step(model, path)
+        size, shape = path.stat().st_size, open_cascade.read(path)
+    solids = open_cascade.solids(shape)
+    off = [
+        abs(open_cascade.volume(solid) / parent.volume() - 1.0) for solid, parent in zip(solids, model.parents.values())
+    ]
+    counts = [f"{len(solids)}", f"{len(open_cascade.faces(shape))}"]
+    return [f"{size / 1000:.0f}", *counts, "yes" if open_cascade.is_valid(shape) else "no", f"{max(off):.0e}"]
