@@ -24,10 +24,11 @@ import slicer
 from slicer_views import SLICES, SliceView, ThreeDView, draws_off_screen, side_by_side, write_png
 
 from VICRegistration import VICRegistrationLogic
+from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.mrml.fitting import fitSteps
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface
-from VICRegistrationLib.phantoms.painting import paint, volume_fractions
+from VICRegistrationLib.phantoms.painting import paint
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.organ import finish
 

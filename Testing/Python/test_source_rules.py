@@ -11,6 +11,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = sorted((ROOT / "VICRegistration").rglob("*.py"))
 TESTS = sorted([*(ROOT / "Testing" / "Python").glob("*.py"), *(ROOT / "Testing" / "Slicer").glob("*.py")])
+# They run seldom, and a name that has moved would be noticed late.
+SCRIPTS = sorted([*(ROOT / "Resources").glob("*.py"), *(ROOT / "docs" / "examples").glob("*.py")])
+SCRIPTS += sorted((ROOT / "Testing" / "benchmarks").glob("*.py"))
 MOST_LINES = 60
 CLOCKS = {"monotonic", "perf_counter", "time"}
 
@@ -64,6 +67,27 @@ def patched_constants(path):
 def test_no_function_is_longer_than_a_screen(path):
     functions = [node for node in ast.walk(tree(path)) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
     assert [f"{node.name}: {lines_of(node)} lines" for node in functions if lines_of(node) > MOST_LINES] == []
+
+
+def defined_names(path):
+    """Names that a module makes at its top level."""
+    for node in tree(path).body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            yield node.name
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            yield from (alias.asname or alias.name for alias in node.names)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            yield from (part.id for part in ast.walk(node) if isinstance(part, ast.Name))
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=[path.relative_to(ROOT).as_posix() for path in SCRIPTS])
+def test_what_a_script_imports_of_the_library_is_there(path):
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("VICRegistrationLib."):
+            place = ROOT / "VICRegistration" / node.module.replace(".", "/")
+            module = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+            known = {*defined_names(module), *(each.stem for each in place.glob("*.py"))}
+            assert {alias.name for alias in node.names} <= known, f"{path.name}: {node.module}"
 
 
 def test_no_test_has_a_time_limit():
