@@ -88,13 +88,13 @@ def fit_to_folder(
     if pictures:
         require_packages("matplotlib", "jinja2")
     folder = Path(folder)
-    stored = _checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
+    stored = checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
     start = time.perf_counter()
     image, notes = read_with_warnings(image_path, series=series, frame=frame)
     for note in notes:
         warn(f"warning: {note}")
     seconds_load = time.perf_counter() - start
-    say(f"{image_path}: {_described(image)}, {seconds_load:.2f} s")
+    say(f"{image_path}: {described(image)}, {seconds_load:.2f} s")
     record = image_record(image, str(image_path), series, frame, notes)
     stored.check_image(record)
     if pictures or step:
@@ -102,7 +102,7 @@ def fit_to_folder(
     failed: dict[str, str] = {}
     organs = _fitted_organs(image, requests, failed, say, keep_going=on_failure is not None)
     for organ in organs:
-        _tell_warnings(organ, image, warn, step=step)
+        tell_warnings(organ, image, warn, step=step)
     for name, sentence in failed.items():
         on_failure(name, sentence)
     run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
@@ -110,8 +110,14 @@ def fit_to_folder(
     return organs
 
 
-def _checked_folder(
-    folder: Path, inputs: Sequence, requests: Sequence[OrganRequest], *, pictures: bool, step: bool
+def checked_folder(
+    folder: Path,
+    inputs: Sequence,
+    requests: Sequence[OrganRequest],
+    *,
+    pictures: bool,
+    step: bool,
+    model: bool = False,
 ) -> StoredResults:
     """Read what a folder of results holds, and refuse one that cannot be written to, or where files would be lost."""
     check_writable(folder)
@@ -119,13 +125,14 @@ def _checked_folder(
     stored = read_results(folder)
     names = [request.name for request in requests]
     stored.check_names(names)
-    targets = target_files(names, pictures=pictures, step=step)
+    targets = target_files(names, pictures=pictures, step=step, model=model)
     keep_inputs((folder / name for name in targets), inputs)
     stored.check_targets(targets)
     return stored
 
 
-def _tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
+def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
+    """Say what is to be looked at in an organ's fit."""
     diagnostics = fit_diagnostics(image, organ.fit)
     for diagnostic in diagnostics:
         warn(f"{organ.name}: warning: {diagnostic.sentence()}")
@@ -148,7 +155,7 @@ def _fitted_organs(
     separated, organs = [], []
     for request in requests:
         try:
-            separated.append((request, *_separated(image, request, say)))
+            separated.append((request, *separated_organ(image, request, say)))
         except ValueError as error:
             failed[request.name] = str(error)
     if failed and not (keep_going and separated):
@@ -169,8 +176,8 @@ def _all_of(failed: Mapping[str, str]) -> str:
     return " ".join(f"{name}: {sentence}" for name, sentence in failed.items())
 
 
-def _separated(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
-    """Separate one organ; returns the region and how long it took, s."""
+def separated_organ(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
+    """Separate one organ, or take it from a label image; returns the region and how long it took, s."""
     options = request.options
     start = time.perf_counter()
     check_request(image, request)
@@ -204,7 +211,7 @@ def _fitted(
 ) -> FittedOrgan:
     """Fit one organ to its region."""
     start = time.perf_counter()
-    lines = _StageLines(request.name, say)
+    lines = StageLines(request.name, say)
     fit = finish(fit_region(image, region, request.options, boundary_points=request.boundary), on_step=lines)
     lines.end()
     seconds = seconds_separation + time.perf_counter() - start
@@ -212,7 +219,7 @@ def _fitted(
     return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
 
 
-class _StageLines:
+class StageLines:
     """Writes a line for every stage: called with each step, and once more at the end."""
 
     def __init__(self, name: str, say: Callable[[str], None]) -> None:
@@ -221,6 +228,7 @@ class _StageLines:
         self._start = self._now = time.perf_counter()
 
     def __call__(self, step: Step) -> None:
+        """Take a step; a new stage ends the one before."""
         if self._steps and step.stage != self._steps[0].stage:
             self.end()
         self._steps.append(step)
@@ -238,7 +246,8 @@ class _StageLines:
         self._steps, self._start = [], self._now
 
 
-def _described(image: Image) -> str:
+def described(image: Image) -> str:
+    """Size and spacing of an image in words."""
     size = " x ".join(str(count) for count in image.size)
     spacing = " x ".join(f"{step:.4g}" for step in image.spacing)
     return f"{size} voxels of {spacing} mm"

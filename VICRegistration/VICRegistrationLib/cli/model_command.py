@@ -9,7 +9,7 @@ from pathlib import Path
 from ..files import keep_inputs
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
-from . import SOME_FAILED
+from . import SOME_FAILED, model_fitting
 from .console import aligned, speaker
 
 _SUFFIXES = (".png", ".json", ".step", ".stp", ".vtp")
@@ -22,9 +22,10 @@ examples:
   vic-registration model show --output pelvis.png
   vic-registration model show pelvis-fine --output pelvis.step
   vic-registration model check my_model.json
+  vic-registration model fit scan.nii.gz --config organs.json --output pelvis
 """
 _SHOW_EPILOG = f"""\
-MODEL is a file or {_NAMES} (default: {DEFAULT}). The parts are listed; FILE's ending chooses what is written:
+MODEL is a file or {_NAMES} (default: {DEFAULT}). Parts and landmarks are listed; FILE's ending chooses what is written:
   .png           a picture from four sides: patches by colour, translucent where the image does not show them
   .step, .stp    exact faces with the names of the patches: organs and cords as solids, sheets as shells (LPS mm)
   .vtp           triangles with the names of their patch and part (LPS mm)
@@ -57,6 +58,8 @@ def add_parser(subparsers, add_command: Callable) -> None:
     """
     parser = add_command(subparsers, "model", "models of several organs and of what holds them", None, epilog=_EPILOG)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    fitting = add_command(actions, "fit", "fit a model to an image", model_fitting.run, epilog=model_fitting.EPILOG)
+    model_fitting.add_words(fitting)
     showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
     showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, or {_NAMES}")
     showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(_SUFFIXES)}")
@@ -84,6 +87,8 @@ def show(options: argparse.Namespace) -> None:
         keep_inputs([output], [options.model])
     model = find_model(options.model)
     print(parts_table(model))
+    if model.landmarks:
+        print(f"landmarks: {'; '.join(model.landmarks)}")
     if output is not None:
         _write(model, output)
         speaker()(f"written to {output}")

@@ -118,6 +118,7 @@ def write_report(
     files: Sequence[str],
     failed: Mapping[str, str],
     seconds_load: float,
+    model: Mapping[str, object] | None = None,
 ) -> None:
     """Write report.json.
 
@@ -134,6 +135,8 @@ def write_report(
         Organs of this run that could not be fitted, with the sentences about them.
     seconds_load : float
         Time to read the image.
+    model : mapping, optional
+        Entry of the generic model that the organs were fitted with.
 
     Raises
     ------
@@ -151,6 +154,7 @@ def write_report(
         "seconds_load": seconds_load,
         "files": {name: file_digest(folder / name) for name in files},
         "organs": organs,
+        **({} if model is None else {"model": model}),
         "failed": failed,
     }
     with replacing(folder / REPORT) as draft:

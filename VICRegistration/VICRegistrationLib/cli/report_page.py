@@ -13,10 +13,11 @@ from ..imaging.image import Image
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import FitOptions
 from ..registration.verdict import verdict_of
-from ..report.contents import ReportedOrgan, Source, compared_organ
+from ..report.contents import ReportedModel, ReportedOrgan, Source, compared_organ
 from ..report.figure import save_figure
 from ..report.page import report_html
 from ..report.pictures import organ_figure, overview_figure
+from .model_results import MODEL, MODEL_PICTURE, MODEL_STEP, MODEL_VTP
 from .organ_entries import FittedOrgan
 from .references import OrganReference
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
@@ -33,6 +34,10 @@ _COMMON_PURPOSES = {
     REPORT: "the numbers of this report, for programs",
     OVERVIEW: "picture of all organs",
     ASSEMBLY: "assembly of the exact solids (LPS mm)",
+    MODEL: "the generic model, carried to the patient (RAS mm)",
+    MODEL_STEP: "the same as exact faces with the names of its patches (LPS mm)",
+    MODEL_VTP: "the same as triangles with the names of patches and parts (LPS mm)",
+    MODEL_PICTURE: "picture of the same from four sides",
 }
 
 
@@ -82,6 +87,7 @@ def write_pictures(
     names: Sequence[str],
     files: Mapping[str, Sequence[str]],
     common: Sequence[str],
+    model: ReportedModel | None = None,
 ) -> None:
     """Write a picture of some organs, one of all of several, and report.html.
 
@@ -99,6 +105,8 @@ def write_pictures(
         Names of the files of each organ.
     common : sequence of str
         Names of the files that are about all organs.
+    model : ReportedModel, optional
+        The generic model that they were fitted with.
 
     Raises
     ------
@@ -122,6 +130,7 @@ def write_pictures(
         date=datetime.now().astimezone(),
         gaps=[str(gap) for gap in gaps(valid)] if several else (),
         files=_files(files, common),
+        model=model,
     )
     with replacing(folder / PAGE) as draft:
         draft.write_text(page, encoding="utf-8")

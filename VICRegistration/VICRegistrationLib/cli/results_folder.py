@@ -10,6 +10,7 @@ from ..files import replacing_folder
 from ..imaging.image import Image
 from ..report.contents import Source
 from ..transactions import one_at_a_time
+from .model_results import ModelResults, model_files
 from .organ_entries import FittedOrgan, restored_organ
 from .outputs import organ_files, run_entry, write_organ, write_report, write_solids
 from .references import OrganReference, read_again
@@ -37,6 +38,8 @@ class Run:
         By the organs' names.
     failed : mapping of str to str
         Organs that could not be fitted, with the sentences about them.
+    model : ModelResults, optional
+        The generic model that the organs were fitted with.
     """
 
     organs: Sequence[FittedOrgan]
@@ -47,6 +50,7 @@ class Run:
     step: bool
     references: Mapping[str, OrganReference] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
+    model: ModelResults | None = None
 
     @property
     def names(self) -> list[str]:
@@ -54,7 +58,7 @@ class Run:
         return [organ.name for organ in self.organs]
 
 
-def target_files(names: Sequence[str], *, pictures: bool, step: bool) -> list[str]:
+def target_files(names: Sequence[str], *, pictures: bool, step: bool, model: bool = False) -> list[str]:
     """Names of all files that a run may write.
 
     Parameters
@@ -62,12 +66,15 @@ def target_files(names: Sequence[str], *, pictures: bool, step: bool) -> list[st
     names : sequence of str
         Of its organs.
     pictures, step : bool
+    model : bool
+        Whether they are fitted with a generic model.
 
     Returns
     -------
     list of str
     """
     own = [file for name in names for file in organ_files(name, pictures=pictures, solid=step)]
+    own += model_files(pictures=pictures) if model else []
     return [*own, *([PAGE, OVERVIEW] if pictures else []), *([ASSEMBLY] if step else []), REPORT]
 
 
@@ -117,7 +124,7 @@ def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: C
         # Another run may have added organs while this one was fitting.
         stored = read_results(folder)
         stored.check_image(run.record)
-        stored.check_targets(target_files(run.names, pictures=run.pictures, step=run.step))
+        stored.check_targets(target_files(run.names, pictures=run.pictures, step=run.step, model=run.model is not None))
         outdated: list[str] = []
         with replacing_folder(folder, outdated=outdated) as drafts:
             _write_drafts(run, stored, drafts, warn)
@@ -141,6 +148,8 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[
     own = {name: organ_files(name, pictures=run.pictures, solid=f"{name}.step" in solids) for name in run.names}
     files = {name: own.get(name) or list(stored.files_of(name)) for name in names}
     common = [ASSEMBLY] if ASSEMBLY in solids else []
+    if run.model is not None:
+        common += run.model.write(drafts, pictures=run.pictures, warn=warn)
     if run.pictures:
         common += [PAGE, *([OVERVIEW] if len(names) > 1 else [])]
         _write_pictures(run, stored, everyone, drafts, files=files, common=common, warn=warn)
@@ -155,6 +164,7 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[
         image=run.record,
         files=common,
         failed=run.failed,
+        model=None if run.model is None else run.model.entry(),
         seconds_load=run.seconds_load,
     )
 
@@ -178,7 +188,8 @@ def _write_pictures(
     source = Source(
         str(record["image"]), str(record["image_series"] or ""), record["image_frame"], record["image_warnings"]
     )
-    write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common)
+    model = None if run.model is None else run.model.reported()
+    write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common, model=model)
 
 
 def _stored_references(run: Run, stored: StoredResults, warn: Callable[[str], None]) -> dict[str, OrganReference]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,6 +18,8 @@ from ..messages import Diagnostic
 from ..registration.nets import closure_of
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
+from ..registration.region_image import region_image
+from ..registration.schedule import REGION_MARGIN_MM
 from .carrying import CarryingMap
 from .check import patch_samples, through_cords, through_organs
 from .joint import CLOSURE, JointStep
@@ -30,6 +32,8 @@ from .placement import Placement
 _LEAST_ORGANS = 2
 # Where the map makes space smaller than this share, what it carries is no longer like the model.
 LEAST_DETERMINANT = 0.1
+# Where an organ is compared with its region.
+_SURFACE_SAMPLES = (48, 30)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +86,16 @@ class ModelFit:
         """Names of all other parts that the image does not show."""
         names = (part.name for part in self.model.parts if part.estimated)
         return tuple(name for name in names if name not in self.model.organs)
+
+    @cached_property
+    def deviations(self) -> dict[str, float]:
+        """Mean distance of each fitted organ from the boundary of its separated region, mm."""
+        found = {}
+        for name, fit in self.organs.items():
+            region = region_image(fit.region, np.eye(4), margin=REGION_MARGIN_MM)
+            values, seen = region.sampler.values(fit.surface.points(*fit.surface.midpoints(*_SURFACE_SAMPLES)))
+            found[name] = float(np.abs(values[seen]).mean())
+        return found
 
     @cached_property
     def smallest_determinant(self) -> tuple[float, str]:
@@ -175,7 +189,7 @@ def fit_model(
     start, image = time.perf_counter(), as_image(image)
     options = {name: (options or {}).get(name) or FitOptions() for name in regions}
     landmarks = {name: np.asarray(point, dtype=float) for name, point in (landmarks or {}).items()}
-    _check_organs(model, regions, options)
+    check_organs(model, options)
     check_names(model, landmarks)
     found = yield from fit_organs(image, model.parents, regions, options)
     surfaces = {name: fit.surface for name, fit in found.fits.items()}
@@ -197,13 +211,27 @@ def fit_model(
     return ModelFit(carried, model, found.fits, found.together, found.placement, carry, distances, seconds)
 
 
-def finish(steps: Iterator[JointStep]) -> ModelFit:
-    """Run a fit of a model to its end."""
+def finish(steps: Iterator[JointStep], on_step: Callable[[JointStep], None] | None = None) -> ModelFit:
+    """Run a fit of a model to its end.
+
+    Parameters
+    ----------
+    steps : generator
+        From :func:`fit_model`.
+    on_step : callable, optional
+        Called with every :class:`.joint.JointStep`.
+
+    Returns
+    -------
+    ModelFit
+    """
     while True:
         try:
-            next(steps)
+            step = next(steps)
         except StopIteration as end:
             return end.value
+        if on_step is not None:
+            on_step(step)
 
 
 def _predicted(
@@ -219,21 +247,33 @@ def _predicted(
     return found
 
 
-def _check_organs(model: MultiPatchModel, regions: Mapping[str, Region], options: Mapping[str, FitOptions]) -> None:
-    """Refuse organs that the model has not, too few of them, and options that are the model's own."""
+def check_organs(model: MultiPatchModel, options: Mapping[str, FitOptions]) -> None:
+    """Refuse organs that a model has not, too few of them, and options that are the model's own.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    options : mapping of str to FitOptions
+        Of each organ that is to be fitted.
+
+    Raises
+    ------
+    ValueError
+        With a sentence for the user.
+    """
     names = ", ".join(model.organs)
-    unknown = [name for name in regions if name not in model.parents]
+    unknown = [name for name in options if name not in model.parents]
     if unknown:
         msg = f"The model has no organ {unknown[0]!r}; it has {names}. Name the organs as the model does."
         raise ValueError(msg)
-    if len(regions) < _LEAST_ORGANS:
+    if len(options) < _LEAST_ORGANS:
         msg = (
-            f"{len(regions)} of the model's organs {names} was given; at least {_LEAST_ORGANS} are needed to place the "
+            f"{len(options)} of the model's organs {names} was given; at least {_LEAST_ORGANS} are needed to place the "
             "model. Give seeds or regions of more of them."
         )
         raise ValueError(msg)
     usual = FitOptions()
-    for name in regions:
+    for name in options:
         own = [key for key in ("net", "closure", "model") if getattr(options[name], key) != getattr(usual, key)]
         if own:
             msg = f"{name}: the option {own[0]} was given, but the generic model brings its own; leave it out."

@@ -59,6 +59,11 @@ class JointStep:
     surfaces: dict[str, BSplineSurface]
     stopped_by: str = ""
 
+    @property
+    def converged(self) -> bool:
+        """Whether the stage came to rest by its rules."""
+        return self.of(next(iter(self.surfaces))).converged
+
     def of(self, name: str) -> Step:
         """Take the step of one organ, with the cost of all."""
         return Step(

@@ -33,6 +33,25 @@ def draw_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
     OSError
         If the file cannot be written.
     """
+    save_figure(model_figure(model), path)
+
+
+def model_figure(model: MultiPatchModel):
+    """Draw a model.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    RuntimeError
+        If matplotlib is not installed.
+    """
     figure = blank_figure(2.0 * _VIEW + 3.6, 2.0 * _VIEW + _TOP)
     words = f"{len(model.parts)} parts, {len(model.patches)} patches, {len(model.points)} control points"
     translucent = "Translucent: estimated, the image does not show it."
@@ -43,7 +62,7 @@ def draw_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
         axes = axes_at(figure, column * _VIEW + 0.05, (1 - row) * _VIEW + 0.05, _VIEW - 0.1, _VIEW - 0.3)
         draw_scene(axes, shapes, viewpoint)
     _draw_names(figure, model)
-    save_figure(figure, path)
+    return figure
 
 
 def model_shapes(model: MultiPatchModel) -> list[Shape]:

@@ -138,6 +138,32 @@ class ReportedOrgan:
     verdict: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class ReportedModel:
+    """A generic model that organs were fitted with, as the page shows it.
+
+    Parameters
+    ----------
+    name : str
+    rows : sequence of (title, text)
+        About the whole model.
+    parts : sequence of rows
+        A row for each part, of as many texts as there are titles.
+    titles : sequence of str
+    notes : sequence of str
+        What to know about it, a sentence each.
+    figure : matplotlib.figure.Figure
+        The model from four sides.
+    """
+
+    name: str
+    rows: Sequence[tuple[str, str]]
+    parts: Sequence[Sequence[str]]
+    titles: Sequence[str]
+    notes: Sequence[str]
+    figure: object
+
+
 def compared_organ(
     name: str,
     surface: BSplineSurface,

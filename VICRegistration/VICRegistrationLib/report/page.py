@@ -16,7 +16,7 @@ from ..messages import sentences
 from ..registration.boundary import boundary_deviations
 from ..registration.confidence import Confidence
 from ..registration.nets import net_text
-from .contents import ComparedOrgan, ReportedOrgan, Source
+from .contents import ComparedOrgan, ReportedModel, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
 from .pictures import overview_figure, page_figures
 
@@ -49,6 +49,7 @@ def report_html(
     date: datetime,
     gaps: Sequence[str] = (),
     files: Sequence[tuple[str, str]] = (),
+    model: ReportedModel | None = None,
 ) -> str:
     """Write the report of a fit: one file that needs no other, for screens and for paper.
 
@@ -67,6 +68,8 @@ def report_html(
         How the organs lie to each other, a sentence each.
     files : sequence of (names, purpose)
         Files beside the report.
+    model : ReportedModel, optional
+        The generic model that the organs were fitted with.
 
     Returns
     -------
@@ -93,6 +96,8 @@ def report_html(
         date=date,
         gaps=gaps,
         files=files,
+        model=model,
+        model_picture=_base64(model.figure) if model is not None else "",
         not_clinical=_NOT_CLINICAL,
     )
 

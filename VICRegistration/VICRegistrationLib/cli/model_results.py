@@ -1,0 +1,131 @@
+"""What is written about a generic model that was fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..multipatch.file import write_model
+from ..multipatch.fit import ModelFit
+from ..multipatch.model import Part
+from ..multipatch.picture import draw_model, model_figure
+from ..multipatch.step import write_model_step
+from ..multipatch.vtp import write_model_vtp
+from ..report.contents import ReportedModel
+
+MODEL, MODEL_STEP, MODEL_VTP, MODEL_PICTURE = "model.json", "model.step", "model.vtp", "model.png"
+_TITLES = ("part", "kind", "from", "volume or thickness", "distance from the region", "sliding")
+
+
+def model_files(*, pictures: bool) -> list[str]:
+    """Names of the files about a model.
+
+    Parameters
+    ----------
+    pictures : bool
+
+    Returns
+    -------
+    list of str
+    """
+    return [MODEL, MODEL_STEP, MODEL_VTP, *([MODEL_PICTURE] if pictures else [])]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelResults:
+    """A fitted model.
+
+    Parameters
+    ----------
+    fit : ModelFit
+    path : str
+        The model as the user gave it: a name or a file.
+    """
+
+    fit: ModelFit
+    path: str
+
+    def write(self, folder: Path, *, pictures: bool, warn: Callable[[str], None]) -> list[str]:
+        """Write its files.
+
+        Parameters
+        ----------
+        folder : Path
+        pictures : bool
+        warn : callable
+            Gets a line if there is no STEP file.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        model = self.fit.model
+        write_model(model, folder / MODEL)
+        write_model_vtp(model, folder / MODEL_VTP)
+        names = [MODEL, MODEL_VTP]
+        try:
+            write_model_step(model, folder / MODEL_STEP)
+            names.append(MODEL_STEP)
+        except ValueError as error:
+            warn(f"model: warning: there is no {MODEL_STEP}: {error}")
+        if pictures:
+            draw_model(model, folder / MODEL_PICTURE)
+            names.append(MODEL_PICTURE)
+        return names
+
+    def entry(self) -> dict[str, object]:
+        """Put everything about it as report.json keeps it: lengths in mm, places in RAS."""
+        fit = self.fit
+        determinant, part = fit.smallest_determinant
+        return {
+            "model": self.path,
+            "name": fit.model.name,
+            "placement": fit.placement.matrix.tolist(),
+            "scale": fit.placement.scale,
+            "turn_degrees": fit.placement.degrees,
+            "distance_from_region_mm": fit.deviations,
+            "smallest_determinant": determinant,
+            "smallest_determinant_at": part,
+            "sliding_mm": fit.sliding,
+            "landmarks_mm": fit.landmarks,
+            "predicted": list(fit.predicted),
+            "estimated": list(fit.estimated),
+            "seconds": fit.seconds,
+            "diagnostics": [diagnostic.record() for diagnostic in fit.diagnostics],
+        }
+
+    def reported(self) -> ReportedModel:
+        """Put it as report.html shows it."""
+        fit = self.fit
+        determinant, part = fit.smallest_determinant
+        rows = [
+            ("Model", self.path),
+            ("Placed", f"{fit.placement.scale:.2f} times as large, turned by {fit.placement.degrees:.0f} degrees"),
+            ("Organs seen in the image", ", ".join(fit.organs)),
+            ("Organs predicted", ", ".join(fit.predicted) or "none"),
+            ("Smallest determinant", f"{determinant:.2f}, near {part}: by how much space was enlarged at least"),
+            *((f"Landmark {name}", f"met within {away:.1f} mm") for name, away in fit.landmarks.items()),
+            ("Time", f"{fit.seconds:.2f} s from the regions to the carried model"),
+        ]
+        notes = [diagnostic.sentence() for diagnostic in fit.diagnostics]
+        return ReportedModel(
+            fit.model.name or self.path,
+            rows,
+            [self._row(each) for each in fit.model.parts],
+            _TITLES,
+            notes,
+            model_figure(fit.model),
+        )
+
+    def _row(self, part: Part) -> tuple[str, ...]:
+        fit = self.fit
+        origin = "the image" if part.name in fit.organs else "the generic model"
+        size = f"{part.thickness:g} mm" if part.thickness is not None else ""
+        if part.name in fit.model.parents:
+            size = f"{fit.model.parents[part.name].volume() / 1000.0:.1f} ml"
+        lengths = [
+            f"{values[part.name]:.2f} mm" if part.name in values else "" for values in (fit.deviations, fit.sliding)
+        ]
+        return part.labelled(), part.kind, origin, size, *lengths
