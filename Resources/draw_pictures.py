@@ -1,4 +1,4 @@
-"""Draw the pictures of the demo that README and the pages show: overview, one organ, deviation, mesh, and the report.
+"""Draw the pictures that README and the pages show: of the demo, its report, and the generic model.
 
 Needs what the demo needs, and Chromium for the report's picture.
 """
@@ -29,12 +29,14 @@ def main() -> None:
         demo.run_demo(folder)
         organs = folder / "organs"
         truth = folder / "phantom" / "truth" / "bladder.json"
+        cli.main(["model", "show", "--output", str(folder / "model.png")])
         cli.main(["compare", str(organs / "bladder.json"), str(truth), "--output", str(folder / "compared")])
         for name, path in (
             ("demo_overview", organs / "overview.png"),
             ("demo_rectum", organs / "rectum.png"),
             ("demo_deviation", folder / "compared" / "bladder_deviation.png"),
             ("demo_mesh", folder / "mesh" / "organs.png"),
+            ("generic_model", folder / "model.png"),
         ):
             write_small(Image.open(path), name)
         browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -115,3 +115,16 @@ def test_another_frame_is_found():
 
 def test_an_organ_that_is_inside_out_is_found(model):
     assert codes(scaled(model, np.diag([1.0, 1.0, -1.0])))[0] == "organ_invalid"
+
+
+def test_organs_that_overlap_are_found_once():
+    generic = pelvis()
+    # The gap between the rectum and the vagina is 4 mm wide.
+    shift = np.eye(4)
+    shift[1, 3] = 8.0
+    parents = {**generic.parents, "rectum": generic.parents["rectum"].transformed(shift)}
+    found = [
+        item for item in check_model(generic.carried(parents, lambda points: points)) if item.code == "organs_overlap"
+    ]
+    assert [(item.values["part"], item.values["organ"]) for item in found] == [("vagina", "rectum")]
+    assert found[0].values["depth_mm"] == pytest.approx(3.8, abs=0.3)

@@ -1,4 +1,7 @@
-"""Generic models: how exact their patches are, what Open CASCADE reads in their STEP files, and their meshes."""
+"""Generic models: how exact their patches are, what Open CASCADE reads in their STEP files, and their meshes.
+
+The pelvis is measured as it ships, and after affine and smooth maps that are drawn at random.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from measuring import table
 
+from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.meshing.quality import quality
 from VICRegistrationLib.meshing.regions import MeshOptions
 from VICRegistrationLib.multipatch.library import MODELS
@@ -19,6 +23,8 @@ from VICRegistrationLib.multipatch.step import write_model_step
 
 _SIZE_MM = 3.0
 _SAMPLES = 15
+# Random maps: standard deviations of the entries of the matrix, and of six pushes that fade with the distance, mm.
+_MAPS, _MATRIX, _PUSH_MM, _REACH_MM = 6, 0.1, 6.0, 45.0
 
 
 def report(*, quick: bool) -> str:
@@ -28,6 +34,8 @@ def report(*, quick: bool) -> str:
     if importlib.util.find_spec("OCP") is None:
         return "  Skipped: cadquery-ocp-novtk is not installed."
     models = {name: make() for name, make in list(MODELS.items())[: 1 if quick else None]}
+    pelvis = next(iter(models.values()))
+    models.update({f"map {seed + 1}": _carried(pelvis, seed) for seed in range(0 if quick else _MAPS)})
     patches = [["patches", "points", "off the organ's surface, mm", "angle along borders, degrees"]]
     solids = [["STEP file", "kB", "solids", "faces", "valid", "volume off, relative"]]
     meshes = [["mesh", "order", "elements", "inverted", "least Jacobian", "lowest volume %", "highest volume %"]]
@@ -42,6 +50,24 @@ def report(*, quick: bool) -> str:
             meshes.append([name, f"{order}", *numbers, f"{min(off):+.2f}", f"{max(off):+.2f}"])
     about = f"  Elements of {_SIZE_MM:g} mm. Jacobians are scaled: 1 is the best, 0 is flat. Volumes: difference."
     return "\n\n".join([table(patches), table(solids), about, table(meshes)])
+
+
+def _carried(model: MultiPatchModel, seed: int) -> MultiPatchModel:
+    """Take a model along a random map; organs as near to it as closed surfaces can be."""
+    random = np.random.default_rng(seed)
+    matrix = np.eye(3) + random.normal(0.0, _MATRIX, (3, 3))
+    places, pushes = random.uniform(-60.0, 60.0, (6, 3)), random.normal(0.0, _PUSH_MM, (6, 3))
+
+    def carry(points: np.ndarray) -> np.ndarray:
+        distances = np.linalg.norm(points[:, None] - places, axis=2)
+        return points @ matrix.T + np.exp(-np.square(distances / _REACH_MM)) @ pushes
+
+    parents = {}
+    for organ, parent in model.parents.items():
+        closed = closed_organ(parent)
+        net = carry(parent.control_net.reshape(-1, 3)).reshape(parent.control_net.shape)
+        parents[organ] = closed.deform(closed.fit(net))
+    return model.carried(parents, carry)
 
 
 def _deviation(model: MultiPatchModel) -> float:

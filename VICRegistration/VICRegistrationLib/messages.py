@@ -182,6 +182,10 @@ SENTENCES = {
         "{part} passes through {organ}, {depth_mm:.1f} mm deep at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead it around "
         "the organ."
     ),
+    "organs_overlap": _(
+        "{part} and {organ} overlap, {depth_mm:.1f} mm deep at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Look at the "
+        "contours of both."
+    ),
     "passes_through_cord": _(
         "{part} passes through {cord} at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead one of them around the other."
     ),

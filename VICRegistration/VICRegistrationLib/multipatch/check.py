@@ -79,7 +79,7 @@ def require_connected(model: MultiPatchModel) -> None:
 
 
 def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
-    """Find sheets and cords that pass through an organ.
+    """Find sheets and cords that pass through an organ, and organs that overlap.
 
     Parameters
     ----------
@@ -88,13 +88,12 @@ def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Yields
     ------
     Diagnostic
-        The deepest place of each part in each organ.
+        The deepest place of each part in each organ; of two organs that overlap, only one says so.
     """
     for part in model.parts:
-        if part.kind == "organ":
-            continue
         points = np.concatenate([patch_samples(model, patch.name) for patch in model.patches_of(part.name)])
-        for organ, parent in model.parents.items():
+        first = model.organs.index(part.name) + 1 if part.kind == "organ" else 0
+        for organ, parent in list(model.parents.items())[first:]:
             low, high = parent.control_net.min(axis=(0, 1)), parent.control_net.max(axis=(0, 1))
             near = points[((points > low) & (points < high)).all(axis=1)]
             if not len(near):
@@ -103,9 +102,8 @@ def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
             deepest = int(np.argmin(distances))
             if distances[deepest] < -_DEEP:
                 depth = {"depth_mm": -float(distances[deepest])}
-                yield Diagnostic(
-                    "passes_through_organ", {"part": part.name, "organ": organ, **depth, **_place(near[deepest])}
-                )
+                code = "organs_overlap" if part.kind == "organ" else "passes_through_organ"
+                yield Diagnostic(code, {"part": part.name, "organ": organ, **depth, **_place(near[deepest])})
 
 
 def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:

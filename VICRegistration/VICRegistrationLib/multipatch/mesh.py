@@ -26,8 +26,8 @@ from .second_order import with_middles
 from .step import faces_step_text
 from .topology import Side, shell, sides
 
-# Below this scaled Jacobian another way of meshing is tried; below the other one the part is named.
-_GOOD_QUALITY, LEAST_QUALITY = 0.15, 0.1
+# Below this scaled Jacobian another way of meshing is tried; where none is better, the part is named.
+LEAST_QUALITY = 0.1
 # How often a mesh is made, each time with smaller elements, until it keeps the volumes.
 _TRIES = 3
 
@@ -128,7 +128,7 @@ def _run(
         "curves": [(_middle_of(model, side) * RAS_TO_LPS).tolist() for side, _ in fixed_sides(model)],
         "size": options.size,
         "sizes": "sizes.bin",
-        "least_quality": _GOOD_QUALITY,
+        "least_quality": LEAST_QUALITY,
     }
     files = {"model.step": faces_step_text(model), "sizes.bin": field_file(sizes)}
     left = max(end - time.monotonic(), 0.0)
@@ -166,7 +166,7 @@ def _assembled(
     notes = [*through_organs(model), *through_cords(model)]
     if order == 2:
         points, tetrahedra, triangles, flattened = with_middles(
-            model, points, tetrahedra, triangles, arrays["faces"], least_quality=_GOOD_QUALITY
+            model, points, tetrahedra, triangles, arrays["faces"], least_quality=LEAST_QUALITY
         )
         notes += [Diagnostic("edges_straightened", {"count": flattened})] if flattened else []
     jacobian = scaled_jacobians(points, tetrahedra)
