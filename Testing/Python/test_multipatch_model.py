@@ -166,10 +166,18 @@ def test_organs_patches_meet_as_smoothly_as_their_surface(generic):
     assert worst < 1e-4
 
 
-def test_the_code_of_the_page_draws_a_good_model(capsys):
+def test_the_code_of_the_page_draws_a_good_model(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     page = Path(__file__).resolve().parents[2] / "docs" / "generic-model.md"
     names = {}
     for block in re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
         exec(compile(block, page.name, "exec"), names)
     assert names["model"].patch("band").part == "band"
     assert capsys.readouterr().out == "[]\n"
+    assert (tmp_path / "egg.json").is_file()
+
+
+def test_a_format_that_no_model_has_is_refused(generic, tmp_path):
+    with pytest.raises(ValueError, match="organ.obj was asked for; give a file name that ends in .png, .json, .step"):
+        generic.save(tmp_path / "organ.obj")
+    assert list(tmp_path.iterdir()) == []

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..files import keep_inputs
+from ..multipatch.formats import SUFFIXES, check_suffix
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
 from . import SOME_FAILED, model_fitting
 from .console import aligned, speaker
 
-_SUFFIXES = (".png", ".json", ".step", ".stp", ".vtp")
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
 A model has organs, cut into named patches, and ligaments, fasciae and a pelvic floor that are attached to them. It is a
@@ -62,7 +62,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
     model_fitting.add_words(fitting)
     showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
     showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, or {_NAMES}")
-    showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(_SUFFIXES)}")
+    showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(SUFFIXES)}")
     checking = add_command(actions, "check", "look for what is wrong with a model", check, epilog=_CHECK_EPILOG)
     checking.add_argument("model", metavar="MODEL", help=f"file, or {_NAMES}")
 
@@ -81,16 +81,14 @@ def show(options: argparse.Namespace) -> None:
     """
     output = options.output
     if output is not None:
-        if output.suffix.lower() not in _SUFFIXES:
-            msg = f"--output {output} was given; give a file name that ends in {', '.join(_SUFFIXES)}."
-            raise ValueError(msg)
+        check_suffix(output)
         keep_inputs([output], [options.model])
     model = find_model(options.model)
     print(parts_table(model))
     if model.landmarks:
         print(f"landmarks: {'; '.join(model.landmarks)}")
     if output is not None:
-        _write(model, output)
+        model.save(output)
         speaker()(f"written to {output}")
 
 
@@ -144,19 +142,3 @@ def parts_table(model: MultiPatchModel) -> str:
             size = f"{model.parents[part.name].volume() / 1000.0:.1f} ml"
         rows.append((part.labelled(), part.kind, str(len(patches)), str(points), size))
     return aligned(rows)
-
-
-def _write(model: MultiPatchModel, path: Path) -> None:
-    """Write a model in the format of the file's ending."""
-    from ..multipatch.file import write_model
-    from ..multipatch.step import write_model_step
-    from ..multipatch.vtp import write_model_vtp
-
-    writers = {".json": write_model, ".step": write_model_step, ".stp": write_model_step, ".vtp": write_model_vtp}
-    suffix = path.suffix.lower()
-    if suffix == ".png":
-        from ..multipatch.picture import draw_model
-
-        draw_model(model, path)
-    else:
-        writers[suffix](model, path)

@@ -32,6 +32,12 @@ def find_model(name: str | os.PathLike = DEFAULT) -> MultiPatchModel:
         If it is neither a name nor a file that can be read.
     ValueError
         If the file holds no model.
+
+    Examples
+    --------
+    >>> from VICRegistrationLib import find_model
+    >>> find_model("pelvis")
+    MultiPatchModel(14 parts, 107 patches, 2012 points)
     """
     if os.fspath(name) in MODELS:
         return MODELS[os.fspath(name)]()

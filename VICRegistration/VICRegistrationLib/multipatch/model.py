@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -127,6 +128,19 @@ class MultiPatchModel:
     landmarks : dict of str to (3,) ndarray
         Named places on bone, RAS mm.
     name : str
+
+    Examples
+    --------
+    The pelvis that ships, with what no image shows marked as estimated:
+
+    >>> from VICRegistrationLib import find_model
+    >>> model = find_model("pelvis")
+    >>> model.organs
+    ('bladder', 'vagina', 'rectum')
+    >>> [part.name for part in model.parts if part.kind == "cord" and part.estimated][:2]
+    ['right uterosacral ligament', 'right pubourethral ligament']
+    >>> model.surface("vagina wall posterior")
+    BSplineSurface(5 x 7 control points of degrees (3, 3), 49.3 mm large)
     """
 
     points: np.ndarray
@@ -178,6 +192,29 @@ class MultiPatchModel:
     @cached_property
     def _matrices(self) -> dict[str, sparse.csr_matrix]:
         return {organ: self.cuts[organ].pieces(parent).matrix for organ, parent in self.parents.items()}
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the model to a file, completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Its ending chooses the format: .json (the model, nothing is lost), .step or .stp (exact faces, for CAD),
+            .vtp (triangles that know their patch), .png (a picture). Its folder must exist.
+
+        Raises
+        ------
+        ValueError
+            If no format has this ending, or a part is no valid solid (STEP).
+        OSError
+            If the file cannot be written; a file of that name is left as it was.
+        RuntimeError
+            If a picture is asked for and matplotlib is not installed.
+        """
+        # The formats stand on models, so that they cannot be imported before this class is there.
+        from .formats import save_model
+
+        save_model(self, path)
 
     def carried(
         self, parents: Mapping[str, BSplineSurface], carry: Callable[[np.ndarray], np.ndarray]
