@@ -22,8 +22,8 @@ from VICRegistrationLib.registration.organ import finish, fit_organ
 
 # The least scaled Jacobian that a mesh shall have.
 WANTED = 0.15
-_SIZES_MM = (5.0, 3.0, 2.0)
-_RANDOM, _RANDOM_SIZE_MM = 200, 5.0
+_SIZES_MM = (5.0, 3.0)
+_RANDOM, _RANDOM_SIZE_MM = 50, 5.0
 
 
 def report(*, quick: bool) -> str:
