@@ -8,7 +8,7 @@ import pytest
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.segmentation.limits import Limits
 from VICRegistrationLib.segmentation.ray_edges import find_edges
-from VICRegistrationLib.segmentation.ray_origins import looked_around
+from VICRegistrationLib.segmentation.ray_origins import edges_around
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.threshold import threshold_between
 
@@ -63,11 +63,11 @@ def test_limits_do_not_depend_on_the_box_that_is_asked_for(fading):
 def test_a_seed_beside_the_organ_is_moved_into_it(fading):
     image, _ = fading
     beside = np.array([0.0, 0.0, RADIUS + 2.0])
-    seeds, _ = looked_around(image, beside[None], Limits.constant(95.0, 200.0))
+    seeds, _ = edges_around(image, beside[None], Limits.constant(95.0, 200.0))
     assert np.linalg.norm(seeds[0]) < RADIUS + 0.5
     assert np.linalg.norm(seeds[0] - beside) <= 4.0
     with pytest.raises(ValueError, match="move the seed into the organ or widen the threshold"):
-        looked_around(image, np.array([[0.0, 0.0, RADIUS + 8.0]]), Limits.constant(95.0, 200.0))
+        edges_around(image, np.array([[0.0, 0.0, RADIUS + 8.0]]), Limits.constant(95.0, 200.0))
 
 
 # ------------------------------------------------------------------ a long organ
@@ -90,7 +90,7 @@ def test_a_long_organ_is_seen_whole_from_a_seed_at_its_end(sausage):
     at_end = np.array([[14.0, 0.0, -42.0]])
     alone = find_edges(image, at_end)
     assert alone.volume < 0.6 * volume
-    _, edges = looked_around(image, at_end, None)
+    _, edges = edges_around(image, at_end, None)
     assert edges.volume > 0.8 * volume
 
 

@@ -1,4 +1,4 @@
-"""The shape of an organ from one place in it, and the choice between it and what grey levels hold together."""
+"""The shape of an organ from one place in it, and the choice between it and what is grown from grey levels."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_directions_are_symmetric_and_neighbours_go_both_ways():
     np.testing.assert_array_equal(ball.second[ball.back], ball.first)
 
 
-def test_radii_follow_the_costs_but_not_a_single_ray_that_went_astray():
+def test_radii_follow_the_costs_but_not_a_single_ray_that_has_escaped():
     costs = np.zeros((len(sphere().directions), 40))
     costs[:, 20] = -1.0
     costs[7, 20], costs[7, 38] = 0.0, -1.0

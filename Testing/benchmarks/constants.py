@@ -19,7 +19,7 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((star_surface, name) for name in ("_SHADING", "_STEP_MM", "_BLUR_MM", "AN_EDGE")),
     *((star_region, name) for name in ("_SHELL_SHARE", "_SHELL_MM", "OPENING_MM")),
     *((lobes, name) for name in ("_BRIDGE_MM", "_BRIDGE_SHARE")),
-    *((growing, name) for name in ("_ABSURD", "_FRAGMENT")),
+    *((growing, name) for name in ("_MOST_TIMES_SEEN", "_FRAGMENT")),
     (sphere, "_STEEP"),
 )
 LIMIT_MM = 1.5

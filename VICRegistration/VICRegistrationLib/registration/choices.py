@@ -73,7 +73,7 @@ def choose_beside(
     tau, why = _tau(surface, schedule, asked)
     smoothness, known = schedule.options.smoothness, asked.smoothness is not None
     reason = Diagnostic("option_given" if known else "smoothness_to_start")
-    return schedule.chosen(tau=tau), _told(tau, why, smoothness, reason)
+    return schedule.chosen(tau=tau), _choices(tau, why, smoothness, reason)
 
 
 def choose_by(step: Step, schedule: Schedule, asked: FitOptions) -> tuple[Schedule, tuple[Choice, ...]]:
@@ -96,15 +96,15 @@ def choose_by(step: Step, schedule: Schedule, asked: FitOptions) -> tuple[Schedu
     tau, why = _tau(step.surface, schedule, asked)
     schedule = schedule.chosen(tau=tau, anchor=_ANCHOR * step.cost * max(step.cost, _CLEAREST))
     if asked.smoothness is not None:
-        return schedule, _told(tau, why, asked.smoothness, Diagnostic("option_given"))
+        return schedule, _choices(tau, why, asked.smoothness, Diagnostic("option_given"))
     voxels = schedule.voxels_along(step.surface)
     smoothness = _SMOOTHNESS * step.cost / np.sqrt(voxels)
     # Two digits of the number of voxels are enough.
     noise = {"share": float(np.sqrt(step.cost)), "voxels": int(float(f"{voxels:.2g}"))}
-    return schedule.chosen(smoothness=smoothness), _told(tau, why, smoothness, Diagnostic("noise_along_edge", noise))
+    return schedule.chosen(smoothness=smoothness), _choices(tau, why, smoothness, Diagnostic("noise_along_edge", noise))
 
 
-def _told(tau: float, why_tau: Diagnostic, smoothness: float, why_smoothness: Diagnostic) -> tuple[Choice, ...]:
+def _choices(tau: float, why_tau: Diagnostic, smoothness: float, why_smoothness: Diagnostic) -> tuple[Choice, ...]:
     return (
         Choice("tau", f"{tau:.2f} mm", (why_tau,)),
         Choice("smoothness", f"{smoothness:.2g}", (why_smoothness,)),

@@ -2,8 +2,8 @@
 
 Two things make a surface uncertain. Noise moves it: the Gauss-Newton matrix of the fit, scaled by the residuals around
 each place and by the number of voxels that the surface passes, is the inverse of the covariance of its control points.
-And what the net cannot follow, or what lies beside the edge, leaves it off: each normal line tells how far its own edge
-is from the surface. Both are added. Where no line shows an edge, neither tells anything, and the surface is as
+And what the net cannot follow, or what lies beside the edge, leaves it off: each normal line shows how far its own edge
+is from the surface. Both are added. Where no line shows an edge, neither is known, and the surface is as
 uncertain as it was before the image was looked at.
 """
 
@@ -72,7 +72,7 @@ class Confidence:
     volume_sd_ml: float
 
     def standard_deviation(self, parameters: np.ndarray) -> np.ndarray:
-        """Tell the standard deviation of the surface along its normal at (u, v), (n, 2): (n,) mm, linear in between."""
+        """Interpolate the standard deviation of the surface along its normal at (u, v), (n, 2): (n,) mm."""
         shape = self.deviations.shape
         places = [
             (np.asarray(parameters)[:, axis] - low) / (high - low) * count - 0.5
@@ -143,7 +143,7 @@ def confidence_of(
     """
     schedule = Schedule.around(image, surface, options)
     if schedule.inside == schedule.outside:
-        # The estimates along the surface will tell that there is no edge: they only need to know a brighter side.
+        # The estimates along the surface will show that there is no edge: they only need to know a brighter side.
         schedule = replace(schedule, outside=schedule.inside - 1e-6 * (abs(schedule.inside) or 1.0))
     stage = with_stacks(schedule, surface, stacks).fine
     seen, *others = stage.correlations(sampled(surface, options.closure))
@@ -180,7 +180,7 @@ def confidence_of(
 
 @dataclass(frozen=True, eq=False)
 class _Support:
-    """What each normal line of a surface says about the edge, (n,) but where told.
+    """What each normal line of a surface says about the edge, (n,) but where stated.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class _Support:
 
 
 def _support(correlation: Correlation) -> _Support:
-    """Tell what each normal line says about the edge where the surface begins."""
+    """Find what each normal line says about the edge where the surface begins."""
     samples = correlation.sample(np.zeros(correlation.surface.n_dof))
     frame = samples.frame
     along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)

@@ -338,7 +338,7 @@ class Objective:
 
 
 def sample_shares(loss: str, residuals: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Tell what each sample keeps of its weight.
+    """Compute what each sample keeps of its weight.
 
     Parameters
     ----------

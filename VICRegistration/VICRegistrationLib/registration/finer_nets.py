@@ -33,7 +33,7 @@ MOST_HALVINGS = 2
 def fit_finer(
     found: Step, schedule: Schedule, wanted: tuple[int, int] | None
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
-    """Fit again with finer nets, each with its spans halved, as long as they are worth it or up to one asked for.
+    """Fit again with finer nets, each with its spans halved, while they lower the cost enough, or up to one asked for.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def fit_finer(
     Returns
     -------
     step : Step
-        That of the net asked for, or of the finest one that is worth it; `found` if none is.
+        That of the net asked for, or of the finest one that lowers the cost enough; `found` if none does.
     choices : tuple of Choice
         The net and what each one brought; and what was done about surfaces beyond the drift limit.
     """
@@ -64,18 +64,18 @@ def fit_finer(
         space, fewer = (sampled_net(first, closure, count) for count in (halvings, halvings - 1))
         start = replace(found, surface=found.surface.refined())
         explained = noise_share(space.n_dof - fewer.n_dof, schedule.voxels_along(start.surface))
-        # The first net is too coarse to tell what lies beyond it.
+        # The first net is too coarse to show what lies beyond it.
         if wanted is None and halvings > 1:
             expected = expected_decrease(schedule.fine, space.at(start.surface))
             if expected <= _EXPECTED * explained:
-                reasons.append(_told("finer_net_not_tried", start, closure, explained, expected=expected))
+                reasons.append(_reason("finer_net_not_tried", start, closure, explained, expected=expected))
                 break
         step, choices = yield from _fit_from(start, schedule, space)
         limited += choices
         if wanted is None:
             gained = _gain(schedule, space, start, step)
             code = "finer_net_lowered_cost" if gained >= 0.0 else "finer_net_raised_cost"
-            reasons.append(_told(code, start, closure, explained, change=abs(gained)))
+            reasons.append(_reason(code, start, closure, explained, change=abs(gained)))
             if gained <= explained:
                 found = replace(found, stage="coarser net kept", iteration=1, displacement=0.0)
                 yield found
@@ -110,14 +110,14 @@ def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> 
     return 1.0 - objective.cost_of(end.surface) / objective.cost_of(start.surface)
 
 
-def _told(code: str, step: Step, closure: str, explained: float, **shares: float) -> Diagnostic:
-    """Tell what a net brought or was expected to bring, and what part of that noise explains."""
+def _reason(code: str, step: Step, closure: str, explained: float, **shares: float) -> Diagnostic:
+    """Say what a net brought or was expected to bring, and what part of that noise explains."""
     shares = {name: float(share) for name, share in shares.items()}
     return Diagnostic(code, {"net": net_text(net_of(step.surface, closure)), **shares, "explained": float(explained)})
 
 
 def first_net(net: tuple[int, int] | None, closure: str) -> tuple[int, int]:
-    """Tell with which net to begin: the usual one, if halving its spans leads to that asked for, otherwise that."""
+    """Choose the net to begin with: the usual one, if halving its spans leads to that asked for, otherwise that."""
     if net is None:
         return DEFAULT_NET
     # Cubic splines have three control points more than spans, and around the organ one where they close smoothly.

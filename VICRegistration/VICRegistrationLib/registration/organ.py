@@ -5,7 +5,7 @@
 3. *Scale* it globally, on the distance image of the region.
 4. *Register* it locally: on the region, then on the grey levels, coarse and fine. Between these two, the width of the
    edge and the noise are measured, and the profile and the weights of the energies chosen by them.
-5. Again with *finer nets*, while the image is worth them.
+5. Again with *finer nets*, while they lower the cost by more than noise explains.
 6. *Refuse* a surface that has folded or gone too far: it is fitted again, held closer to the region.
 7. Last, *boundary points* pull it where a doctor knows better.
 
@@ -73,7 +73,7 @@ class OrganFit:
     boundary_points : (n, 3) ndarray
         The points that pulled the surface, RAS mm; none without points or with weight 0.
     uncorrected : BSplineSurface
-        The surface before the boundary points pulled it: to start from when one of them is taken back.
+        The surface before the boundary points pulled it: to start from when one of them is removed.
     choices : tuple of Choice
         What was chosen for the net, tau and the smoothness, and why.
     image : Image
@@ -111,7 +111,7 @@ class OrganFit:
     stacks: tuple[StackUse, ...] = ()
 
     def __repr__(self) -> str:
-        """Tell the result in one line."""
+        """Show the result in one line."""
         end = "converged" if self.converged else "not converged"
         return (
             f"OrganFit({self.surface.volume() / 1000.0:.3g} ml, net {net_text(self.options.net)}, {end} after "
@@ -366,7 +366,7 @@ def completed(
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:
-    """Tell that boundary points needed a finer net than the one that was chosen."""
+    """Say that boundary points needed a finer net than the one that was chosen."""
     reason = Diagnostic("made_finer", {"net": choice.value})
     return replace(choice, value=net_text(net), reasons=(*choice.reasons, reason))
 

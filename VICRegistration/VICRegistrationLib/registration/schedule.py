@@ -198,7 +198,7 @@ class Schedule:
         return float(np.linalg.norm(self.voxel, axis=0).min())
 
     def voxels_along(self, surface: BSplineSurface) -> float:
-        """Tell how many voxels lie in a band around a surface, as wide as its edge: what is seen there."""
+        """Count the voxels that lie in a band around a surface, as wide as its edge: what is seen there."""
         first = surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
         return first + sum(view.voxels_along(surface) for view in self.views)
 

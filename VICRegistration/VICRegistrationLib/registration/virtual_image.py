@@ -140,7 +140,7 @@ class VirtualImage:
     Parameters
     ----------
     profile : IntensityProfile
-        With one level on each side. With mode "given" they are those of the whole surface; otherwise they only tell
+        With one level on each side. With mode "given" they are those of the whole surface; otherwise they only say
         which side is the brighter one and what contrast to expect.
     mode : {"local", "organ", "given"}
         "organ": one pair of levels, the means over the surface. "local": a pair for each normal line, smoothed over

@@ -147,7 +147,7 @@ def check_pieces(region):
 
 
 def leak_diagnostics(region, edges, volume):
-    """Tell of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
+    """Warn of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
     if volume <= LEAK_FACTOR * edges.volume:
         return ()
     low, high = (float(level) for level in region.threshold)

@@ -24,7 +24,7 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     image : Image
     region : Region
     star : Star
-        Tells contrast and sign of the edge.
+        Give contrast and sign of the edge.
 
     Returns
     -------

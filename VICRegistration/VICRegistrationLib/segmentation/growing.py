@@ -24,21 +24,21 @@ from .checks import (
     refuse_seed,
 )
 from .limits import Limits
-from .ray_origins import looked_around, within_limits
+from .ray_origins import edges_around, within_limits
 from .seeds import voxels_of
 
 # The first box holds the ends of the rays but for this share on each side; where it is too small it grows by
 # a share of its length.
-_ASTRAY = 0.02
+_OUTLIERS = 0.02
 _GROWTH = 0.3
 _MOST_GROWTHS = 3
 # Radii tried by default: the first, the next ones if the region leaks, the small ones if it vanishes.
 _EROSIONS_MM = (2.0, 4.0, 6.0)
 _THIN_EROSIONS_MM = (1.0, 0.0)
 # A region this many times what the rays span has leaked even if they do not see all of the organ.
-_LEAK_FOR_SURE = 2.0
+_CERTAIN_LEAK = 2.0
 # What is many times as large as that is no organ.
-_ABSURD = 6.0
+_MOST_TIMES_SEEN = 6.0
 # A region of less than this share of what the rays from any seed span is a fragment of the organ.
 _FRAGMENT = 0.25
 
@@ -70,14 +70,14 @@ def grown_region(image: Image, seeds, *, threshold=None, erosion=None, dilation=
     """
     given = None if threshold is None else Limits.constant(*checked_threshold(threshold))
     dilation = None if dilation is None else checked_radius("dilation", dilation, image)
-    seeds, edges = looked_around(image, seeds, given)
+    seeds, edges = edges_around(image, seeds, given)
     limits = given or Limits.along(edges, image)
     voxels = voxels_of(image, seeds)
     # Automatic limits are levels that the image has: below its lowest one they would be the same voxels, said oddly.
     threshold = (limits.low if given else max(limits.low, float(image.array.min()))), limits.high
     if erosion is None:
         start, mask, erosion = _separated_by_default(
-            image, edges, seeds, limits, dilation, most=np.inf if given else _ABSURD
+            image, edges, seeds, limits, dilation, most=np.inf if given else _MOST_TIMES_SEEN
         )
     else:
         erosion = checked_radius("erosion", erosion, image)
@@ -98,7 +98,7 @@ def _separated_by_default(image, edges, seeds, limits, dilation, *, most):
     seen = edges.volume / image.voxel_volume
     fragment = _FRAGMENT * edges.volumes.min() / image.voxel_volume
     attempts = [
-        (erosion, fragment, factor * seen) for factor in (LEAK_FACTOR, _LEAK_FOR_SURE) for erosion in _EROSIONS_MM
+        (erosion, fragment, factor * seen) for factor in (LEAK_FACTOR, _CERTAIN_LEAK) for erosion in _EROSIONS_MM
     ]
     # If none will do, the rays saw too little of a bent organ or too much, or the organ is thin.
     attempts += [(erosion, 0.0, most * seen) for erosion in (_EROSIONS_MM[0], *_THIN_EROSIONS_MM)]
@@ -184,11 +184,11 @@ def _grown_core(image, edges, voxels, limits, erosion, dilation, *, most_voxels=
 
 
 def _first_box(image, edges, voxels, erosion):
-    """Box of the ends of the rays, without those that went astray, and of the neighbourhood of the seeds."""
+    """Box of the ends of the rays, without those that have left the organ, and of the neighbourhood of the seeds."""
     shape = np.array(image.array.shape)
-    sound = edges.points[~edges.astray] if not edges.astray.all() else edges.points.reshape(-1, 3)
+    sound = edges.points[~edges.escaped] if not edges.escaped.all() else edges.points.reshape(-1, 3)
     ends = image.to_ijk(sound)[:, ::-1]
-    low, high = np.quantile(ends, [_ASTRAY, 1 - _ASTRAY], axis=0)
+    low, high = np.quantile(ends, [_OUTLIERS, 1 - _OUTLIERS], axis=0)
     reach = np.ceil(2 * erosion / image.spacing[::-1]) + 1
     start = np.floor(np.minimum(low, voxels.min(axis=0) - reach)).astype(int) - 1
     stop = np.ceil(np.maximum(high, voxels.max(axis=0) + reach)).astype(int) + 2

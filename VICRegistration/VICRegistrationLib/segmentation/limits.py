@@ -16,8 +16,8 @@ _REACH = 0.5
 # Of the edges around a place, this share lies on the outer side of the limit: an edge between bright and dim parts of
 # the organ counts less than the wall behind it.
 _OUTER_SHARE = 0.2
-# Levels of edges beyond these shares of all are those of rays that went astray.
-_ASTRAY = 0.05
+# Levels of edges beyond these shares of all are those of rays that have left the organ.
+_OUTLIERS = 0.05
 # The lattice goes on around the edges by so many steps, each as long as they reach.
 _MARGIN = 3
 # Share of the distance between the limits that is rounding.
@@ -78,7 +78,7 @@ class Limits:
         # Seeds in a wall may see nothing but their own voxels.
         reach = max(_REACH * ball_radius(edges.volume), float(image.spacing.max()))
         step = reach / image.spacing
-        low_end, high_end = np.quantile(image.to_ijk(places), [_ASTRAY, 1.0 - _ASTRAY], axis=0)
+        low_end, high_end = np.quantile(image.to_ijk(places), [_OUTLIERS, 1.0 - _OUTLIERS], axis=0)
         # About the middle of the organ, so that a flipped copy of the volume has the same nodes.
         around = np.ceil((high_end - low_end) / 2.0 / step).astype(int) + _MARGIN
         counts, first = 2 * around + 1, (low_end + high_end) / 2.0 - around * step
@@ -134,7 +134,7 @@ class Limits:
 
 
 def _offsets(edges: Edges, low: float, high: float) -> np.ndarray:
-    """Tell what each edge found adds to the typical limits, (n, 2)."""
+    """Return what each edge found adds to the typical limits, (n, 2)."""
     half = ((edges.inner + edges.outer) / 2.0)[edges.found]
     falls = (edges.outer < edges.inner)[edges.found]
     offsets = np.zeros((len(half), 2))
@@ -144,7 +144,7 @@ def _offsets(edges: Edges, low: float, high: float) -> np.ndarray:
         own = half[side]
         # Edges of the other kind say nothing about this limit and have the typical one.
         offsets[:, number] = np.quantile(own, share) - limit
-        offsets[side, number] += np.clip(own, *np.quantile(own, [_ASTRAY, 1.0 - _ASTRAY])) - np.median(own)
+        offsets[side, number] += np.clip(own, *np.quantile(own, [_OUTLIERS, 1.0 - _OUTLIERS])) - np.median(own)
     return offsets
 
 

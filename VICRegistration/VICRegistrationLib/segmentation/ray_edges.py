@@ -24,7 +24,7 @@ _LONGEST_RAY_MM = 150.0
 # Most rays end within this: the others are followed a second time, farther.
 _SHORT_RAY_MM = 50.0
 # The level at the end of a ray is still that of the organ within this share of the contrast.
-_ASTRAY_SHARE = 0.45
+_SAME_LEVEL_SHARE = 0.45
 # What several seeds see together is measured on a lattice of so many points along each axis.
 _LATTICE = 20
 _RAYS_BETWEEN = 4
@@ -34,8 +34,8 @@ _NEAREST = 0.1
 _COS_AROUND = np.cos(np.deg2rad(15.0))
 # An edge is a step by this share of the contrast around the seeds, or by this many standard deviations of the noise.
 _STEP_SHARE, _STEP_NOISE = 0.35, 4.0
-# The contrast is that within this distance, without the darkest and the brightest share; looked at in such steps.
-_SURROUNDINGS_MM, _EXTREME, _GLANCE_MM = 60.0, 0.1, 1.5
+# The contrast is that within this distance, without the darkest and the brightest share; sampled in such steps.
+_SURROUNDINGS_MM, _EXTREME, _RAY_STEP_MM = 60.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +84,20 @@ class Edges:
         return float(np.abs(self.middle - np.median(self.outer[self.found]))) if self.found.any() else np.inf
 
     @cached_property
-    def astray(self) -> np.ndarray:
-        """Rays that have slipped out through a gap or along a wall, (n_seeds, n_rays) of bool.
+    def escaped(self) -> np.ndarray:
+        """Rays that have left the organ through a gap or along a wall, (n_seeds, n_rays) of bool.
 
         The level before their end is no longer that of the organ, or they find no end at all.
         """
-        other = np.abs(self.inner - self.middle) > _ASTRAY_SHARE * self.contrast
+        other = np.abs(self.inner - self.middle) > _SAME_LEVEL_SHARE * self.contrast
         return other | (~self.found & (self.distances > _LONGEST_RAY_MM - 1.0))
 
     @cached_property
     def lengths(self) -> np.ndarray:
-        """Distances without those of rays that went astray, each the median of those around it, (n_seeds, n_rays)."""
+        """Distances without those of escaped rays, each the median of those around it, (n_seeds, n_rays)."""
         around = self.directions @ self.directions.T > _COS_AROUND
         neighbours = np.argsort(~around, axis=1, kind="stable")[:, : around.sum(axis=1).max()]
-        counted = np.take_along_axis(around, neighbours, axis=1) & ~self.astray[:, neighbours]
+        counted = np.take_along_axis(around, neighbours, axis=1) & ~self.escaped[:, neighbours]
         # Masked rays come last in order, and the median of none is nothing.
         ordered = np.sort(np.where(counted, self.distances[:, neighbours], np.inf), axis=2)
         count = counted.sum(axis=2)[..., None]
@@ -253,7 +253,7 @@ def _directions(image):
 
 def _contrast_around(image, seeds, directions):
     """Contrast in the surroundings of the seeds."""
-    radii = np.arange(0.0, _SURROUNDINGS_MM, _GLANCE_MM)
+    radii = np.arange(0.0, _SURROUNDINGS_MM, _RAY_STEP_MM)
     levels, valid = Sampler(image).values(seeds[:, None, None] + directions[:, None] * radii[:, None])
     return contrast_of(levels, valid, radii)
 
@@ -294,7 +294,7 @@ def _profiles(image, starts, along, distances):
 
 
 def _depth(step):
-    """Count the samples behind an edge that tell the level there."""
+    """Count the samples behind an edge from which the level there is taken."""
     return max(int(round(_DEPTH_MM / step)), 2)
 
 

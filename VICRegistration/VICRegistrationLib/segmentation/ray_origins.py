@@ -24,7 +24,7 @@ _ALIKE = 0.25
 _ROUNDS = 3
 
 
-def looked_around(image, seeds, given):
+def edges_around(image, seeds, given):
     """Look for the organ's edges from the seeds, and from the middle of parts of the organ that are far from them.
 
     Returns the seeds, moved to the nearest voxel within the limits, and the edges.
