@@ -38,6 +38,8 @@ def test_organs_and_cords_are_valid_solids_with_their_volumes(read_back):
     assert open_cascade.is_valid(shape)
     solids = open_cascade.solids(shape)
     assert len(solids) == sum(part.kind != "sheet" for part in model.parts)
+    # Faces meet in edges that they share; a gap would leave the shell open.
+    assert all(open_cascade.is_closed(solid) for solid in solids)
     organs = [open_cascade.volume(solid) for solid in solids[: len(model.organs)]]
     exact = [model.parents[organ].volume() for organ in model.organs]
     np.testing.assert_allclose(organs, exact, rtol=1e-6)

@@ -16,12 +16,12 @@ from .triangles import model_triangles
 
 # Sizes of organs that are believed, mm: the diagonal of the box around one.
 _ORGAN_SIZES = (15.0, 500.0)
-# Deeper inside an organ than this is through its wall, mm. Between 0.02 and 0.5 the built-in pelvis passes, and a cord
-# that was led through the rectum does not.
+# Deeper inside an organ than this is through its wall, mm. From 1e-9 to 0.5 the same is found: nothing in the pelvis as
+# it ships, carried at random or fitted to the demo, and a cord that is led through the rectum.
 _DEEP = 0.1
 # Samples of a patch in each direction.
 _SAMPLES = 13
-# Chord error of the triangles that tell what lies inside a cord, mm.
+# Chord error of the triangles that bound a cord, mm.
 _CORD_CHORD = 0.1
 
 

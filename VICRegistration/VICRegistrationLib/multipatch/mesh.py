@@ -46,7 +46,7 @@ def mesh_model(
     options : MeshOptions, optional
         Neither with a wall nor with patches: a model has its own.
     on_progress : callable, optional
-        Told in one line what is being done. If it raises, gmsh is ended.
+        Gets a line about what is being done. If it raises, gmsh is ended.
 
     Returns
     -------

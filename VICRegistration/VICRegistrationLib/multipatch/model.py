@@ -153,7 +153,7 @@ class MultiPatchModel:
     name: str = ""
 
     def __repr__(self) -> str:
-        """Tell the sizes, not the points."""
+        """Show the sizes, not the points."""
         return f"MultiPatchModel({len(self.parts)} parts, {len(self.patches)} patches, {len(self.points)} points)"
 
     @property
