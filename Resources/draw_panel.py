@@ -46,6 +46,7 @@ ORGANS = [
 ]
 BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
+MODEL_ORGANS = [("bladder", "bladder"), ("vagina", "vagina"), ("rectum", "predict")]
 CHOICES = {
     "presetCombo": ["uterus"],
     "sourceCombo": ["Seeds and grey levels"],
@@ -56,12 +57,15 @@ CHOICES = {
     },
     "referenceKindCombo": ["Segment of a segmentation"],
     "colorByCombo": ["Deviation from the reference"],
+    "genericModelCombo": ["Pelvis"],
 }
 TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
     "fitStatusLabel": "bladder: 18 iterations, cost 0.022, 0.72 s, 131.9 ± 0.6 ml\n"
     "Chosen: net 17x11, edge 1.77 mm, smoothness 0.00019",
     "correctStatusLabel": "Press Refit: the surface is up to 4.9 mm from the points.",
+    "landmarksPlacedLabel": "1 of 6 placed; next: coccyx, tip",
+    "modelStatusLabel": "Model fitted to bladder, vagina in 0.8 s",
     "compareStatusLabel": "Against expert: bladder:\n"
     "mean 0.82 mm (signed +0.10), 95 % 2.40 mm, Hausdorff 5.97 mm, Dice 0.951\nvolume 132.0 ml, reference 130.4 ml",
 }
@@ -71,7 +75,7 @@ TEXTS = {
 HIDDEN = (
     *("segmentLabel", "segmentSelector", "plotFrame", "referenceModelLabel", "referenceModelSelector"),
     *("meshSizeLabel", "meshSizeSlider", "meshOrderLabel", "meshOrderCombo", "meshWallLabel", "meshWallSlider"),
-    *("cancelExportButton", "givenLevelsLabel", "insideSpin", "outsideSpin"),
+    *("cancelExportButton", "givenLevelsLabel", "insideSpin", "outsideSpin", "modelFileLabel", "modelFileEdit"),
 )
 
 
@@ -312,6 +316,9 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
             table.item(row, 4).setData(Qt.DecorationRole, QColor("#2f9e5b"))
     table.selectRow(0)
     fill_table(panel.findChild(QWidget, "boundaryTable"), BOUNDARY_HEADINGS, points, wide=0)
+    fill_table(
+        panel.findChild(QWidget, "modelOrgansTable"), ["Organ of the model", "In the image"], MODEL_ORGANS, wide=1
+    )
     for name, choices in CHOICES.items():
         panel.findChild(QWidget, name).addItems(choices)
     for name, text in {**optionTexts()[0], **TEXTS, **texts}.items():

@@ -7,6 +7,7 @@ import hashlib
 
 import numpy as np
 
+from VICRegistrationLib.multipatch import fit
 from VICRegistrationLib.registration import finer_nets, organ, refit
 from VICRegistrationLib.segmentation import separation
 
@@ -22,7 +23,7 @@ def without_finer_nets(monkeypatch):
 def cache(monkeypatch):
     """Keep the results of separations and fits; a fit that was cancelled or failed is not kept."""
     monkeypatch.setattr(separation, "separate", _cached(separation.separate))
-    for module, name in ((organ, "fit_region"), (refit, "refit")):
+    for module, name in ((organ, "fit_region"), (refit, "refit"), (fit, "fit_model")):
         monkeypatch.setattr(module, name, _cached_steps(getattr(module, name)))
 
 
@@ -40,10 +41,17 @@ def _cached_steps(function):
     def cached(*arguments, **options):
         key = _key(function, arguments, options)
         if key in _results:
-            yield from _results[key].history
-        else:
-            _results[key] = yield from function(*arguments, **options)
-        return _results[key]
+            steps, result = _results[key]
+            yield from steps
+            return result
+        steps, running = [], function(*arguments, **options)
+        while True:
+            try:
+                steps.append(next(running))
+            except StopIteration as end:
+                _results[key] = steps, end.value
+                return end.value
+            yield steps[-1]
 
     return cached
 
@@ -60,6 +68,12 @@ def _add(digest, value):
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
             _add(digest, getattr(value, field.name))
+    elif isinstance(value, dict):
+        for item in value.items():
+            _add(digest, item)
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            _add(digest, part)
     elif isinstance(value, np.ndarray):
         digest.update(f"{value.dtype}{value.shape}".encode() + value.tobytes())
     else:

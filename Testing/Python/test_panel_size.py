@@ -82,7 +82,7 @@ def test_the_panel_stays_narrow(application, name, expanded):
 
 def test_no_section_is_wide_by_itself(application):
     widths = draw_panel.section_widths()
-    assert len(widths) == 8
+    assert len(widths) == 9
     assert {title: width for title, width in widths.items() if width > WIDEST - 60} == {}
 
 

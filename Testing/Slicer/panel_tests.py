@@ -22,6 +22,7 @@ from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.mrml import samples
+from VICRegistrationLib.mrml.generic_model_nodes import findModel, partsOf
 from VICRegistrationLib.mrml.parameters import Loss
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface, surfaceFromModel
 from VICRegistrationLib.mrml.volumes import showInSlices
@@ -477,6 +478,121 @@ class ExportTest(PanelTestCase):
         self.ui.exportFolderEdit.currentPath = ""
         self.ui.exportButton.click()
         self.assertIn("folder", self.ui.exportStatusLabel.text)
+
+
+class ModelTest(PanelTestCase):
+    """The generic model: its organs, landmarks, fit, colours and files."""
+
+    def setUp(self):
+        super().setUp()
+        for name in ("bladder", "vagina"):
+            self.add(name)
+            self.placeSeeds(name)
+        self.ui.modelSection.collapsed = False
+
+    def tearDown(self):
+        self.ui.modelSection.collapsed = True
+        super().tearDown()
+
+    def choice(self, name):
+        """Combo box of an organ of the model."""
+        table = self.ui.modelOrgansTable
+        row = next(row for row in range(table.rowCount) if table.item(row, 0).text() == name)
+        return table.cellWidget(row, 1)
+
+    def waitForModel(self):
+        waitFor(lambda: not self.panel.modelSection.running)
+
+    def fitModel(self):
+        self.ui.fitModelButton.click()
+        self.waitForModel()
+
+    def parts(self):
+        return {node.GetName(): node for node in partsOf(findModel(self.volume))}
+
+    def test_itsOrgansAreThoseOfTheTableWithTheirNames(self):
+        self.assertEqual(self.ui.modelOrgansTable.rowCount, 3)
+        names = {name: self.choice(name).currentText for name in ("bladder", "vagina", "rectum")}
+        self.assertEqual(names, {"bladder": "bladder", "vagina": "vagina", "rectum": "predict"})
+        self.assertFalse(self.ui.exportModelButton.enabled or self.ui.patchColorCheck.enabled)
+
+    def test_anOrganIsChosenForAnother(self):
+        choice = self.choice("rectum")
+        choice.setCurrentIndex(choice.findText("vagina"))
+        self.assertEqual(self.choice("rectum").currentText, "vagina")
+        self.assertEqual(self.choice("vagina").currentText, "predict")
+        self.panel.organs.rename(self.organ, "colon")
+        self.panel.refresh()
+        self.assertEqual(self.choice("rectum").currentText, "colon")
+
+    def test_theModelIsFittedColouredAndWritten(self):
+        self.fitModel()
+        self.assertTrue({"bladder", "vagina", "rectum (predicted)", "levator ani (estimated)"} < set(self.parts()))
+        self.assertIn("Model fitted to bladder, vagina", self.ui.modelStatusLabel.text)
+        self.ui.patchColorCheck.click()
+        self.assertTrue(self.parts()["bladder"].GetDisplayNode().GetScalarVisibility())
+        self.ui.patchColorCheck.click()
+        self.assertFalse(self.parts()["bladder"].GetDisplayNode().GetScalarVisibility())
+        self.ui.modelFolderEdit.currentPath = ""
+        self.ui.exportModelButton.click()
+        self.assertIn("No folder", self.ui.modelStatusLabel.text)
+        with tempfile.TemporaryDirectory() as folder:
+            self.ui.modelFolderEdit.currentPath = folder
+            self.ui.exportModelButton.click()
+            self.assertIn("Written", self.ui.modelStatusLabel.text)
+            self.assertTrue({"model.json", "model.step", "model.vtp"} < set(os.listdir(folder)))
+
+    def test_cancelLeavesTheEarlierResult(self):
+        self.fitModel()
+        text = findModel(self.volume).GetText()
+        self.ui.fitModelButton.click()
+        slicer.app.processEvents()
+        self.assertFalse(self.ui.fitModelButton.enabled or self.ui.fitButton.enabled)
+        self.ui.cancelModelButton.click()
+        self.waitForModel()
+        self.assertIn("Cancelled", self.ui.modelStatusLabel.text)
+        self.assertEqual(findModel(self.volume).GetText(), text)
+        self.assertTrue(self.ui.fitModelButton.enabled and self.ui.fitButton.enabled)
+
+    def test_anOrganGoesMeanwhile(self):
+        self.ui.fitModelButton.click()
+        slicer.app.processEvents()
+        self.ui.removeOrganButton.click()
+        self.waitForModel()
+        self.assertIn("was deleted", self.ui.modelStatusLabel.text)
+        self.assertEqual(self.parts(), {})
+        self.fitModel()
+        self.assertIn("at least 2 are needed", self.ui.modelStatusLabel.text)
+
+    def test_theSceneIsClosedMeanwhile(self):
+        self.ui.fitModelButton.click()
+        slicer.app.processEvents()
+        slicer.mrmlScene.Clear()
+        self.waitForModel()
+        self.assertFalse(self.ui.modelSection.enabled)
+
+    def test_landmarksArePlacedByTheirNames(self):
+        self.ui.newLandmarksButton.click()
+        node = self.ui.modelLandmarksSelector.currentNode()
+        self.assertEqual(node.GetNumberOfControlPoints(), 6)
+        self.assertTrue(self.ui.landmarkPlaceWidget.placeModeEnabled)
+        self.assertIn(f"0 of 6 placed; next: {node.GetNthControlPointLabel(0)}", self.ui.landmarksPlacedLabel.text)
+        node.SetNthControlPointPositionWorld(0, 0.0, 58.0, -44.0)
+        self.assertIn(f"1 of 6 placed; next: {node.GetNthControlPointLabel(1)}", self.ui.landmarksPlacedLabel.text)
+        slicer.mrmlScene.RemoveNode(node)
+        self.assertEqual(self.ui.modelLandmarksSelector.currentNode(), None)
+        self.assertFalse(self.ui.landmarkPlaceWidget.enabled or self.ui.landmarkPlaceWidget.placeModeEnabled)
+        self.assertEqual(self.ui.landmarksPlacedLabel.text, "")
+
+    def test_aModelInAFileIsChosen(self):
+        combo = self.ui.genericModelCombo
+        combo.setCurrentIndex(combo.count - 1)
+        self.assertTrue(self.ui.modelFileEdit.visible)
+        self.ui.modelFileEdit.currentPath = os.path.join(tempfile.gettempdir(), "no model.json")
+        self.assertIn("choose a model file that exists", self.ui.modelStatusLabel.text)
+        self.assertEqual(self.ui.modelOrgansTable.rowCount, 0)
+        combo.setCurrentIndex(0)
+        self.assertEqual(self.ui.modelOrgansTable.rowCount, 3)
 
 
 class CompareTest(PanelTestCase):

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..multipatch.file import write_model
 from ..multipatch.fit import ModelFit
 from ..multipatch.model import Part
+from ..multipatch.model_files import MODEL, MODEL_STEP, MODEL_VTP, write_model_files
 from ..multipatch.picture import draw_model, model_figure
-from ..multipatch.step import write_model_step
-from ..multipatch.vtp import write_model_vtp
 from ..report.contents import ReportedModel
 
-MODEL, MODEL_STEP, MODEL_VTP, MODEL_PICTURE = "model.json", "model.step", "model.vtp", "model.png"
+MODEL_PICTURE = "model.png"
 _TITLES = ("part", "kind", "from", "volume or thickness", "distance from the region", "sliding")
 
 
@@ -61,17 +59,11 @@ class ModelResults:
         list of str
             Their names.
         """
-        model = self.fit.model
-        write_model(model, folder / MODEL)
-        write_model_vtp(model, folder / MODEL_VTP)
-        names = [MODEL, MODEL_VTP]
-        try:
-            write_model_step(model, folder / MODEL_STEP)
-            names.append(MODEL_STEP)
-        except ValueError as error:
-            warn(f"model: warning: there is no {MODEL_STEP}: {error}")
+        names, problem = write_model_files(self.fit.model, folder)
+        if problem:
+            warn(f"model: warning: {problem}")
         if pictures:
-            draw_model(model, folder / MODEL_PICTURE)
+            draw_model(self.fit.model, folder / MODEL_PICTURE)
             names.append(MODEL_PICTURE)
         return names
 

@@ -8,6 +8,7 @@ import vtk
 from slicer.util import VTKObservationMixin
 
 from ..mrml.fitting import canBeSeparated, updateVolume
+from ..mrml.generic_model_nodes import followVolumeWithModel
 from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
@@ -18,6 +19,7 @@ from .compare_section import CompareSection
 from .correct_section import CorrectSection
 from .export_section import ExportSection
 from .fit_section import FitSection
+from .model_section import ModelSection
 from .organs_table import OrgansTable
 from .separate_section import SeparateSection
 
@@ -47,6 +49,7 @@ class Panel(VTKObservationMixin):
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
         self.compareSection = CompareSection(ui)
+        self.modelSection = ModelSection(ui, self.refresh)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
         # Slicer's settings file holds text.
@@ -67,6 +70,7 @@ class Panel(VTKObservationMixin):
         if self.parameters.volume is None:
             self.parameters.volume = _firstVolume()
         self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
+        self.modelSection.setModule(self.parameters.parameterNode)
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
         scene = slicer.mrmlScene
         # Before the selectors, which would choose a neighbour in their list.
@@ -79,6 +83,7 @@ class Panel(VTKObservationMixin):
             return
         self.separateSection.stopPlacing()
         self.correctSection.stopPlacing()
+        self.modelSection.setModule(None)
         self._volumeBinding.release()
         # All at once: the mixin holds on to nodes, with their voxels, whose observers are removed one by one.
         self.removeObservers()
@@ -96,6 +101,7 @@ class Panel(VTKObservationMixin):
         """End what is under way, and follow nothing any more."""
         self.fitSection.stop()
         self.exportSection.stop()
+        self.modelSection.stop()
         self.close()
 
     def addOrgan(self, name):
@@ -141,12 +147,14 @@ class Panel(VTKObservationMixin):
         if self.organs is None:
             return
         self.table.show(self.organs)
+        busy = self.fitSection.running or self.modelSection.running
         ready = self._organ is not None and self._volume is not None
         self.separateSection.refresh()
-        self.fitSection.refresh(ready=ready)
-        self.correctSection.refresh(busy=self.fitSection.running)
+        self.fitSection.refresh(ready=ready and not self.modelSection.running)
+        self.correctSection.refresh(busy=busy)
         self.exportSection.show(list(self.organs), self._organ)
-        self.compareSection.refresh(busy=self.fitSection.running)
+        self.compareSection.refresh(busy=busy)
+        self.modelSection.refresh(list(self.organs), self._volume, busy=self.fitSection.running)
         self.advancedSection.refresh()
         self.ui.addOrganButton.enabled = self._volume is not None
 
@@ -221,6 +229,7 @@ class Panel(VTKObservationMixin):
             return
         if self.parameters.volume is node:
             self.parameters.volume = None
+        self.modelSection.forget(node)
         for name in ("inputSegmentation", "referenceSegmentation", "referenceModel"):
             if self._organ is not None and getattr(self._organ, name) is node:
                 setattr(self._organ, name, None)
@@ -230,6 +239,7 @@ class Panel(VTKObservationMixin):
             if (volumeOf(organ) or self._volume) is self._volume:
                 followVolume(organ, self._volume)
                 updateVolume(organ)
+        followVolumeWithModel(self._volume)
 
 
 def _firstVolume():

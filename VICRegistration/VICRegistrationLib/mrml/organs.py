@@ -158,7 +158,7 @@ class Organs:
         name : str
             Blank names and those of other organs are not taken: the organ then keeps its name.
         """
-        name, old = _storable(name.strip()), organ.label
+        name, old = storable(name.strip()), organ.label
         if not name or name == old or name in self._names():
             return
         organ.label = name
@@ -183,7 +183,7 @@ class Organs:
         return [organ.label for organ in self]
 
     def _unusedName(self, name):
-        names, count, name = self._names(), 2, _storable(name)
+        names, count, name = self._names(), 2, storable(name)
         unused = name
         while unused in names:
             unused, count = f"{name} {count}", count + 1
@@ -197,6 +197,16 @@ class Organs:
         return (free or _OTHER_COLORS)[0]
 
 
-def _storable(name):
-    """Name that Slicer can save: a scene with "&" in the name of a model is no XML, and cannot be loaded again."""
+def storable(name):
+    """Name that Slicer can save: a scene with "&" in the name of a model is no XML, and cannot be loaded again.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+        With "+" in the place of "&".
+    """
     return name.replace("&", "+")

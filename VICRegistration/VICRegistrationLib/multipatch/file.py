@@ -135,18 +135,42 @@ def read_model(path: str | os.PathLike) -> MultiPatchModel:
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
+        text = path.read_bytes()
     except OSError as error:
         msg = f"The model file {path} cannot be read ({error.strerror}); give a file that exists."
         raise OSError(msg) from error
+    return model_of_text(text, f"file {path}")
+
+
+def model_of_text(text: str | bytes, where: str) -> MultiPatchModel:
+    """Take a model out of the text of its file.
+
+    Parameters
+    ----------
+    text : str or bytes
+        As of :func:`model_text`.
+    where : str
+        What holds it, for messages: "file pelvis.json".
+
+    Returns
+    -------
+    MultiPatchModel
+
+    Raises
+    ------
+    ValueError
+        If the text is not that of a model that this version understands.
+    """
+    try:
+        content = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        msg = f"The file {path} is not valid JSON ({error}); give a model file as the program writes it."
+        msg = f"The {where} is not valid JSON ({error}); give a model file as the program writes it."
         raise ValueError(msg) from error
-    _check_header(content, path)
+    _check_header(content, where)
     try:
         return _model_of(content)
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
-        msg = f"The file {path} holds no model: {error}"
+        msg = f"The {where} holds no model: {error}"
         raise ValueError(msg) from error
 
 
@@ -164,23 +188,23 @@ def _refuse_constant(text: str) -> float:
     raise ValueError(msg)
 
 
-def _check_header(content: object, path: Path) -> None:
+def _check_header(content: object, where: str) -> None:
     """Refuse everything but this schema, version, frame and unit, with all keys."""
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else None
-        msg = f"The file {path} has the schema {found!r}; {SCHEMA!r} is understood, give a model file."
+        msg = f"The {where} has the schema {found!r}; {SCHEMA!r} is understood, give a model file."
         raise ValueError(msg)
     version = content.get("version")
     if isinstance(version, bool) or version != VERSION:
-        msg = f"The file {path} has version {version!r}; version {VERSION} is understood, update the program."
+        msg = f"The {where} has version {version!r}; version {VERSION} is understood, update the program."
         raise ValueError(msg)
     missing = [key for key in _KEYS if key not in content]
     if missing:
-        msg = f"The file {path} lacks {', '.join(missing)}; write the model again with all keys."
+        msg = f"The {where} lacks {', '.join(missing)}; write the model again with all keys."
         raise ValueError(msg)
     for key, needed in (("frame", "RAS"), ("unit", "mm")):
         if content[key] != needed:
-            msg = f"The file {path} has the {key} {content[key]!r}; convert the model to {needed!r}."
+            msg = f"The {where} has the {key} {content[key]!r}; convert the model to {needed!r}."
             raise ValueError(msg)
     for key, kind in (
         ("organs", dict),
@@ -193,7 +217,7 @@ def _check_header(content: object, path: Path) -> None:
     ):
         if not isinstance(content[key], kind):
             words = {dict: "an object", list: "a list", str: "text"}
-            msg = f"The file {path} has {key} that are no {words[kind].split()[-1]}; give {words[kind]}."
+            msg = f"The {where} has {key} that are no {words[kind].split()[-1]}; give {words[kind]}."
             raise ValueError(msg)
 
 

@@ -66,17 +66,45 @@ def model_polydata(
         Neighbouring patches share vertices.
     """
     mesh = model_triangles(model, chord_error=chord_error)
-    data = polydata(mesh.points * np.asarray(axes), mesh.triangles)
+    return _named(model, mesh.points * np.asarray(axes), mesh.triangles, mesh.patch_of)
+
+
+def part_polydata(model: MultiPatchModel, *, chord_error: float = 0.1) -> dict[str, vtkPolyData]:
+    """Triangles of every part by itself, with the arrays above, as VTK data.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    chord_error : float
+        Largest distance between triangles and surface, mm.
+
+    Returns
+    -------
+    dict of str to vtkPolyData
+        By the parts' names, RAS mm.
+    """
+    mesh = model_triangles(model, chord_error=chord_error)
+    found = {}
+    for part in model.parts:
+        rows = np.isin(mesh.patch_of, mesh.numbers(patch.name for patch in model.patches_of(part.name)))
+        used, triangles = np.unique(mesh.triangles[rows], return_inverse=True)
+        found[part.name] = _named(model, mesh.points[used], triangles.reshape(-1, 3), mesh.patch_of[rows])
+    return found
+
+
+def _named(model: MultiPatchModel, points: np.ndarray, triangles: np.ndarray, patch_of: np.ndarray) -> vtkPolyData:
+    """Triangles as VTK data that says which patch and part each belongs to."""
+    data = polydata(points, triangles)
     cells = data.GetCellData()
     parts = [part.name for part in model.parts]
-    part_of = np.array([parts.index(patch.part) for patch in model.patches])[mesh.patch_of]
+    part_of = np.array([parts.index(patch.part) for patch in model.patches])[patch_of]
     owners = [model.parts[parts.index(patch.part)] for patch in model.patches]
     names = {
-        "patch": ([part.labelled(patch.name) for part, patch in zip(owners, model.patches)], mesh.patch_of),
+        "patch": ([part.labelled(patch.name) for part, patch in zip(owners, model.patches)], patch_of),
         "part": ([part.labelled() for part in model.parts], part_of),
     }
     numbers = {
-        "patch_number": mesh.patch_of + 1,
+        "patch_number": patch_of + 1,
         "part_number": part_of + 1,
         "estimated": np.array([part.estimated for part in model.parts])[part_of].astype(np.uint8),
     }

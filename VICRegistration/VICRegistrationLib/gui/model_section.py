@@ -1,0 +1,320 @@
+"""The section of the generic model: which one, its organs, landmarks on bone, its fit, its colours and its files."""
+
+from __future__ import annotations
+
+import ctk
+import qt
+import slicer
+from slicer.i18n import tr as _
+from slicer.util import VTKObservationMixin
+
+from ..mrml.generic_model import GenericModelParameters, createLandmarks, modelNamed, pairedOrgans, pairOrgan
+from ..mrml.generic_model_export import exportModel
+from ..mrml.generic_model_fit import modelSteps
+from ..mrml.generic_model_nodes import colorByPatch, findModel, isColoredByPatch, messageOf
+from ..mrml.points import placedPoints, placingEvents
+from ..multipatch.library import MODELS
+from .binding import Binding
+from .form import fitHeight, showRow
+from .message_label import MessageLabel
+from .place_buttons import showPlaceButtons
+from .runner import End, StepRunner
+
+_ORGAN, _IN_TABLE = range(2)
+# Data of the entry for a model in a file.
+_FILE = ""
+
+
+def _modelTexts():
+    texts = {"pelvis": _("Pelvis"), "pelvis-fine": _("Pelvis, fine")}
+    return [(name, texts.get(name, name)) for name in MODELS] + [(_FILE, _("From a file"))]
+
+
+class ModelSection(VTKObservationMixin):
+    """Fits a generic model to the organs of the table while the panel stays alive.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+    onChanged : callable
+        Called without arguments when a fit has begun or ended.
+    """
+
+    def __init__(self, ui, onChanged):
+        VTKObservationMixin.__init__(self)
+        self._ui, self._onChanged = ui, onChanged
+        self._parameters = self._binding = self._volume = self._runner = None
+        self._organs, self._rows, self._busy, self._landmarks = [], None, False, None
+        self._message, self._fittedVolume = MessageLabel(ui.modelStatusLabel), None
+        self._setUpWidgets()
+        ui.modelSection.connect("contentsCollapsed(bool)", self._expanded)
+        ui.genericModelCombo.connect("currentIndexChanged(int)", self._modelChosen)
+        ui.modelFileEdit.connect("currentPathChanged(QString)", self._fileChosen)
+        ui.newLandmarksButton.connect("clicked()", self._createLandmarks)
+        ui.fitModelButton.connect("clicked()", self._fit)
+        ui.cancelModelButton.connect("clicked()", self.cancel)
+        ui.patchColorCheck.connect("toggled(bool)", self._colorChosen)
+        ui.exportModelButton.connect("clicked()", self._export)
+
+    @property
+    def running(self):
+        """Whether a model is being fitted."""
+        return self._runner is not None
+
+    def setModule(self, parameterNode):
+        """Show and follow what is chosen in the module.
+
+        Parameters
+        ----------
+        parameterNode : vtkMRMLScriptedModuleNode or None
+            None: follow nothing any more.
+        """
+        self.stopPlacing()
+        self.removeObservers()
+        if self._binding is not None:
+            self._binding.release()
+        self._parameters = self._binding = self._landmarks = self._rows = None
+        if parameterNode is not None:
+            self._parameters = GenericModelParameters(parameterNode)
+            self._binding = Binding(self._parameters, {"modelLandmarks": self._ui.modelLandmarksSelector})
+        else:
+            self._ui.landmarkPlaceWidget.setCurrentNode(None)
+            self.refresh([], None, busy=False)
+
+    def forget(self, node):
+        """Choose no landmarks in place of a list that is about to be removed.
+
+        Parameters
+        ----------
+        node : vtkMRMLNode
+        """
+        if self._parameters is not None and self._parameters.modelLandmarks is node:
+            self._parameters.modelLandmarks = None
+
+    def stopPlacing(self):
+        """Leave the mode in which clicks place landmarks; the mode of somebody else stays."""
+        if self._ui.landmarkPlaceWidget.placeModeEnabled:
+            self._ui.landmarkPlaceWidget.setPlaceModeEnabled(False)
+
+    def cancel(self):
+        """End before the next step; an earlier result stays."""
+        if self._runner is not None:
+            self._runner.cancel()
+
+    def stop(self):
+        """End now, because the scene or the panel goes."""
+        if self._runner is not None:
+            self._runner.stop()
+
+    def refresh(self, organs, volumeNode, *, busy):
+        """Show what is chosen and what was fitted.
+
+        Parameters
+        ----------
+        organs : list of OrganParameters
+        volumeNode : vtkMRMLScalarVolumeNode or None
+        busy : bool
+            Whether an organ is being fitted.
+        """
+        ui, changed = self._ui, volumeNode is not self._volume
+        self._organs, self._volume, self._busy = organs, volumeNode, busy
+        ready = self._parameters is not None and volumeNode is not None
+        ui.modelSection.enabled = ready
+        ui.fitModelButton.enabled = ready and not busy and not self.running
+        ui.cancelModelButton.enabled = self.running
+        ui.newLandmarksButton.enabled = ready
+        fitted = findModel(volumeNode) is not None
+        ui.patchColorCheck.enabled = fitted
+        ui.exportModelButton.enabled = fitted and not self.running
+        if not ready:
+            return
+        self._showModel()
+        self._showOrgans()
+        self._followLandmarks()
+        self._showColors()
+        if changed and not self.running:
+            self._tell(messageOf(volumeNode))
+
+    def _setUpWidgets(self):
+        ui, table = self._ui, self._ui.modelOrgansTable
+        for name, text in _modelTexts():
+            ui.genericModelCombo.addItem(text, name)
+        ui.modelFileEdit.filters = ctk.ctkPathLineEdit.Files | ctk.ctkPathLineEdit.Readable
+        ui.modelFileEdit.nameFilters = (_("Models (*.json)"),)
+        ui.modelFolderEdit.filters = ctk.ctkPathLineEdit.Dirs | ctk.ctkPathLineEdit.Writable
+        ui.modelFolderEdit.settingKey = "VICRegistration/ModelFolder"
+        table.setColumnCount(2)
+        table.setHorizontalHeaderLabels([_("Organ of the model"), _("In the image")])
+        table.verticalHeader().setVisible(False)
+        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
+        table.horizontalHeader().setSectionResizeMode(_ORGAN, qt.QHeaderView.ResizeToContents)
+        table.horizontalHeader().setSectionResizeMode(_IN_TABLE, qt.QHeaderView.Stretch)
+        fitHeight(table)
+        showPlaceButtons(ui.landmarkPlaceWidget)
+        ui.landmarkPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
+
+    def _showModel(self):
+        """Show which model is chosen."""
+        combo, edit, name = self._ui.genericModelCombo, self._ui.modelFileEdit, self._parameters.modelName
+        fromFile = name not in MODELS
+        for widget in (combo, edit):
+            blocked = widget.blockSignals(True)
+            if widget is combo:
+                combo.setCurrentIndex(combo.findData(_FILE if fromFile else name))
+            elif fromFile and edit.currentPath != name:
+                edit.currentPath = name
+            widget.blockSignals(blocked)
+        showRow(fromFile, self._ui.modelFileLabel, edit)
+
+    def _modelChosen(self, index):
+        if self._parameters is not None:
+            name = self._ui.genericModelCombo.itemData(index)
+            self._parameters.modelName = name or self._ui.modelFileEdit.currentPath
+
+    def _fileChosen(self, path):
+        if self._parameters is not None:
+            self._parameters.modelName = path
+
+    def _model(self):
+        """Model that is chosen, or None; then it is said what is wrong."""
+        try:
+            return modelNamed(self._parameters.modelName)
+        except ValueError as error:
+            self._tell(str(error))
+            return None
+
+    def _expanded(self, collapsed):
+        if not collapsed and self._parameters is not None:
+            self._showOrgans()
+
+    def _showOrgans(self):
+        """List the model's organs with those of the table; a model is drawn only where it is looked at."""
+        table = self._ui.modelOrgansTable
+        if self._ui.modelSection.collapsed or self._volume is None:
+            return
+        shown = (self._parameters.modelName, [(organ.parameterNode.GetID(), organ.label) for organ in self._organs])
+        model = self._model()
+        names = list(model.organs) if model is not None else []
+        if shown != self._rows:
+            self._rows = shown
+            table.setRowCount(0)
+            table.setRowCount(len(names))
+            for row, name in enumerate(names):
+                table.setItem(row, _ORGAN, qt.QTableWidgetItem(name))
+                table.setCellWidget(row, _IN_TABLE, self._choice(name))
+            fitHeight(table)
+        pairs = pairedOrgans(model, self._organs) if model is not None else {}
+        for row, name in enumerate(names):
+            combo, organ = table.cellWidget(row, _IN_TABLE), pairs.get(name)
+            blocked = combo.blockSignals(True)
+            combo.setCurrentIndex(combo.findData(organ.parameterNode.GetID() if organ is not None else ""))
+            combo.blockSignals(blocked)
+
+    def _choice(self, name):
+        """Organs of the table to choose from for an organ of the model."""
+        combo = qt.QComboBox()
+        combo.setToolTip(_("Organ of the table that this is, or none: it is then predicted from the others."))
+        combo.addItem(_("predict"), "")
+        for organ in self._organs:
+            combo.addItem(organ.label, organ.parameterNode.GetID())
+        combo.connect("currentIndexChanged(int)", lambda index: self._paired(name, combo.itemData(index)))
+        return combo
+
+    def _paired(self, name, nodeId):
+        model = self._model()
+        if model is not None:
+            organ = next((each for each in self._organs if each.parameterNode.GetID() == nodeId), None)
+            pairOrgan(name, organ, self._organs, model)
+            self._showOrgans()
+
+    def _createLandmarks(self):
+        model = self._model()
+        if model is None:
+            return
+        try:
+            self._parameters.modelLandmarks = createLandmarks(model, self._volume)
+        except ValueError as error:
+            self._tell(str(error))
+            return
+        self._followLandmarks()
+        self._ui.landmarkPlaceWidget.setPlaceModeEnabled(True)
+
+    def _followLandmarks(self):
+        node = self._parameters.modelLandmarks
+        if node is not self._landmarks:
+            self.removeObservers()
+            self._landmarks = node
+            self._ui.landmarkPlaceWidget.setCurrentNode(node)
+            for event in placingEvents() if node is not None else ():
+                self.addObserver(node, event, self._landmarksPlaced)
+        self._ui.landmarkPlaceWidget.enabled = node is not None
+        self._showPlaced()
+
+    def _landmarksPlaced(self, caller=None, event=None):
+        self._showPlaced()
+
+    def _showPlaced(self):
+        """Say how many landmarks are placed, and which one the next click places."""
+        node, label = self._landmarks, self._ui.landmarksPlacedLabel
+        label.text = _landmarksText(node) if node is not None and node.GetScene() is not None else ""
+
+    def _fit(self):
+        if self.running:
+            return
+        self.stopPlacing()
+        self._fittedVolume = self._volume
+        self._tell(_("Fitting the model ..."))
+        self._runner = StepRunner(modelSteps(self._parameters, self._organs, self._volume), self._stepped, self._ended)
+        self._onChanged()
+
+    def _stepped(self, step):
+        self._tell(step.words)
+
+    def _ended(self, end, value):
+        self._runner, volumeNode = None, self._fittedVolume
+        self._fittedVolume = None
+        text = {
+            End.DONE: lambda: messageOf(volumeNode),
+            End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
+            End.FAILED: lambda: str(value),
+        }[end]()
+        self._onChanged()
+        self._tell(text)
+
+    def _showColors(self):
+        check = self._ui.patchColorCheck
+        blocked = check.blockSignals(True)
+        check.checked = isColoredByPatch(self._volume)
+        check.blockSignals(blocked)
+
+    def _colorChosen(self, byPatch):
+        colorByPatch(self._volume, byPatch)
+
+    def _export(self):
+        folder = self._ui.modelFolderEdit.currentPath
+        if not folder:
+            self._tell(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            return
+        self._ui.modelFolderEdit.addCurrentPathToHistory()
+        try:
+            with slicer.util.WaitCursor():
+                paths, problem = exportModel(self._volume, folder)
+        except (ValueError, OSError) as error:
+            self._tell(str(error))
+            return
+        written = _("Written: {files}").format(files=", ".join(map(str, paths)))
+        self._tell("\n".join([written, problem] if problem else [written]))
+
+    def _tell(self, text):
+        self._message.show(text)
+
+
+def _landmarksText(node):
+    """How many points of a list are placed, and the name of the next one."""
+    count, placed = node.GetNumberOfControlPoints(), len(placedPoints(node))
+    text = _("{placed} of {count} placed").format(placed=placed, count=count)
+    defined = slicer.vtkMRMLMarkupsNode.PositionDefined
+    missing = [index for index in range(count) if node.GetNthControlPointPositionStatus(index) != defined]
+    if not missing:
+        return text
+    return _("{text}; next: {name}").format(text=text, name=node.GetNthControlPointLabel(missing[0]))

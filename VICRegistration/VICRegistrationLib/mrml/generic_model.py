@@ -1,0 +1,182 @@
+"""What is chosen for a generic model: which one, the organs of the table that its organs are, and landmarks on bone."""
+
+# Without postponed annotations: Slicer reads those of the parameters.
+import json
+from typing import Optional
+
+import slicer
+from slicer import vtkMRMLMarkupsFiducialNode
+from slicer.i18n import tr as _
+from slicer.parameterNodeWrapper import parameterNodeWrapper
+
+from .points import createPoints
+from .volumes import localPoints, putUnderVolume
+
+# Attribute of an organ's parameter node: the organ of the model that it is, or null, as JSON.
+_MODEL_ORGAN = "VIC.modelOrgan"
+_LANDMARK_COLOR = (0.35, 0.85, 1.0)
+# Models that were drawn or read, by name and date of the file.
+_models = {}
+
+
+@parameterNodeWrapper
+class GenericModelParameters:
+    """Choices for the generic model, in the module's parameter node."""
+
+    # A name of multipatch/library.py, or the path of a file.
+    modelName: str = "pelvis"
+    modelLandmarks: Optional[vtkMRMLMarkupsFiducialNode]
+
+
+def modelNamed(name):
+    """Model that ships, or one in a file; drawn or read once.
+
+    Parameters
+    ----------
+    name : str
+        As in `GenericModelParameters.modelName`.
+
+    Returns
+    -------
+    VICRegistrationLib.multipatch.model.MultiPatchModel
+
+    Raises
+    ------
+    ValueError
+        If there is no such model.
+    """
+    import os
+
+    from ..multipatch.library import MODELS, find_model
+
+    if not name:
+        raise ValueError(_("No file is chosen; a generic model is needed. Choose a model file."))
+    try:
+        key = name, None if name in MODELS else os.stat(name).st_mtime_ns
+        if key not in _models:
+            found = find_model(name)
+            _models.clear()
+            _models[key] = found
+    except OSError as error:
+        raise ValueError(
+            _("The model {name} cannot be read ({reason}); choose a model file that exists.").format(
+                name=name, reason=error.strerror or error
+            )
+        ) from error
+    return _models[key]
+
+
+def pairedOrgans(model, organs):
+    """Organs of the table that the organs of a model are.
+
+    Parameters
+    ----------
+    model : VICRegistrationLib.multipatch.model.MultiPatchModel
+    organs : iterable of OrganParameters
+
+    Returns
+    -------
+    dict of str to OrganParameters
+        By the names in the model; those that are to be predicted are missing. Where nothing was chosen, organs with
+        the same name belong together, in capital or small letters.
+    """
+    found = {}
+    for organ in organs:
+        chosen = _chosenFor(organ, model)
+        if chosen is not None:
+            found.setdefault(chosen, organ)
+    return {name: found[name] for name in model.organs if name in found}
+
+
+def pairOrgan(name, organ, organs, model):
+    """Choose the organ of the table that an organ of the model is.
+
+    Parameters
+    ----------
+    name : str
+        Of the model's organ.
+    organ : OrganParameters or None
+        None: it is to be predicted.
+    organs : iterable of OrganParameters
+        All of the table.
+    model : VICRegistrationLib.multipatch.model.MultiPatchModel
+    """
+    for other in organs:
+        if other is not organ and _chosenFor(other, model) == name:
+            other.parameterNode.SetAttribute(_MODEL_ORGAN, json.dumps(None))
+    if organ is not None:
+        organ.parameterNode.SetAttribute(_MODEL_ORGAN, json.dumps(name))
+
+
+def createLandmarks(model, volumeNode):
+    """Make a list of a model's landmarks, to be placed one after the other.
+
+    Parameters
+    ----------
+    model : VICRegistrationLib.multipatch.model.MultiPatchModel
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    vtkMRMLMarkupsFiducialNode
+        Its points have the names of the landmarks, and no places yet. Points cannot be added to it or removed.
+
+    Raises
+    ------
+    ValueError
+        If the model has no landmarks.
+    """
+    if not model.landmarks:
+        raise ValueError(_("The model has no landmarks; fit it without them."))
+    node = createPoints(_("{model} landmarks").format(model=model.name or _("model")), _LANDMARK_COLOR)
+    node.GetDisplayNode().SetPointLabelsVisibility(True)
+    putUnderVolume(node, volumeNode)
+    for name in model.landmarks:
+        index = node.AddControlPoint(0.0, 0.0, 0.0)
+        node.SetNthControlPointLabel(index, name)
+        node.UnsetNthControlPointPosition(index)
+    # Clicks place the points that have no places yet, and no others.
+    node.SetFixedNumberOfControlPoints(True)
+    return node
+
+
+def placedLandmarks(markupsNode, volumeNode):
+    """Landmarks that were placed.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode or None
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    dict of str to (3,) ndarray
+        Local RAS mm of the volume, by the labels of the points.
+
+    Raises
+    ------
+    ValueError
+        If two points have the same label.
+    """
+    found = {}
+    for index in range(markupsNode.GetNumberOfControlPoints() if markupsNode is not None else 0):
+        if markupsNode.GetNthControlPointPositionStatus(index) != slicer.vtkMRMLMarkupsNode.PositionDefined:
+            continue
+        label = markupsNode.GetNthControlPointLabel(index)
+        if label in found:
+            raise ValueError(
+                _("The list {list} has the landmark {label} twice; remove one of the points, or rename it.").format(
+                    list=markupsNode.GetName(), label=label
+                )
+            )
+        found[label] = localPoints(volumeNode, markupsNode.GetNthControlPointPositionWorld(index))[0]
+    return found
+
+
+def _chosenFor(organ, model):
+    """Organ of a model that an organ of the table is, or None."""
+    text = organ.parameterNode.GetAttribute(_MODEL_ORGAN)
+    if text is not None:
+        chosen = json.loads(text)
+        return chosen if chosen is None or chosen in model.organs else None
+    return next((name for name in model.organs if name.casefold() == organ.label.casefold()), None)

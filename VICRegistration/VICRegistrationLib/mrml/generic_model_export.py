@@ -1,0 +1,50 @@
+"""A fitted generic model of the scene as files for CAD and simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .generic_model_nodes import modelOfVolume
+
+
+def exportModel(volumeNode, folder):
+    """Write the fitted model of a volume; all files are written, or none.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    folder : path
+        Is made if it does not exist.
+
+    Returns
+    -------
+    paths : list of Path
+        ``model.json`` and a JSON file for every organ that the image shows (RAS mm), ``model.step`` and ``model.vtp``
+        (LPS mm): where the model lies in the world.
+    problem : str
+        A sentence that says why there is no STEP file; empty if there is one.
+
+    Raises
+    ------
+    ValueError
+        If there is no fitted model, or it cannot be moved to where it lies.
+    OSError
+        If a file cannot be written.
+    """
+    from ..file_names import organ_name
+    from ..files import replacing_folder
+    from ..geometry.surface_file import write_surface
+    from ..multipatch.model_files import MODEL_STEP, write_model_files
+
+    model = modelOfVolume(volumeNode)
+    organs = {organ_name(name): model.parents[name] for name in model.organs if not model.part(name).estimated}
+    outdated = []
+    with replacing_folder(folder, outdated=outdated) as drafts:
+        names, problem = write_model_files(model, drafts)
+        if problem:
+            # That of an earlier model would be taken for this one's.
+            outdated.append(MODEL_STEP)
+        for name, parent in organs.items():
+            write_surface(parent, drafts / f"{name}.json", name=name)
+            names.append(f"{name}.json")
+    return [Path(folder) / name for name in names], problem

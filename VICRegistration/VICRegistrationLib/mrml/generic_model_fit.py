@@ -1,0 +1,192 @@
+"""Fitting a generic model to the organs of the table, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from slicer.i18n import tr as _
+
+from .fitting import separateOrgan
+from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, placedLandmarks
+from .generic_model_nodes import showModel
+from .organs import Organs
+from .sentences import sentence
+from .volumes import imageFromVolume
+
+
+@dataclass(frozen=True)
+class ModelStep:
+    """What a fit of a generic model has just done.
+
+    Parameters
+    ----------
+    words : str
+        For the panel.
+    """
+
+    words: str
+
+
+def fitModel(parameters, volumeNode, model="pelvis", landmarks=None, *, onStep=None):
+    """Fit a generic model to organs of the scene, and show it in a folder of its own.
+
+    Parameters
+    ----------
+    parameters : ModuleParameters
+        Of the module's logic; organs with the names of the model's organs are fitted, others are predicted.
+    volumeNode : vtkMRMLScalarVolumeNode
+    model : str
+        A model that ships, or the path of a file.
+    landmarks : vtkMRMLMarkupsFiducialNode, optional
+        Places on bone, labelled as in the model.
+    onStep : callable, optional
+        Called with every :class:`ModelStep`.
+
+    Returns
+    -------
+    VICRegistrationLib.multipatch.fit.ModelFit
+        Local RAS mm: that of the volume before its parent transform.
+
+    Raises
+    ------
+    ValueError
+        If the model cannot be fitted; an earlier result stays.
+    """
+    from ..registration.organ import finish
+
+    chosen = GenericModelParameters(parameters.parameterNode)
+    chosen.modelName, chosen.modelLandmarks = model, landmarks
+    return finish(modelSteps(chosen, Organs(parameters), volumeNode), onStep)
+
+
+def modelSteps(parameters, organs, volumeNode):
+    """Separate organs, fit a generic model to them, and show it in place of an earlier one.
+
+    Parameters
+    ----------
+    parameters : GenericModelParameters
+    organs : iterable of OrganParameters
+        All of the table; those that the model has are fitted, with their own options.
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Yields
+    ------
+    ModelStep
+        Closing the generator leaves an earlier result as it was.
+
+    Returns
+    -------
+    VICRegistrationLib.multipatch.fit.ModelFit
+        In the volume's local RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If an organ cannot be separated, the model cannot be fitted, or something that is needed was deleted meanwhile.
+    """
+    from ..multipatch.fit import check_organs, fit_model
+    from ..multipatch.landmarks import check_names
+
+    image, model = imageFromVolume(volumeNode), modelNamed(parameters.modelName)
+    pairs = pairedOrgans(model, organs)
+    options = {name: _optionsOf(organ) for name, organ in pairs.items()}
+    check_organs(model, options)
+    landmarks = placedLandmarks(parameters.modelLandmarks, volumeNode)
+    check_names(model, landmarks)
+    needed = _Needed(pairs, volumeNode)
+    regions, warnings = {}, []
+    for name, organ in pairs.items():
+        yield ModelStep(_("{organ}: separating").format(organ=organ.label))
+        needed.check()
+        regions[name], found = separateOrgan(organ, volumeNode)
+        warnings += [f"{organ.label}: {warning}" for warning in found]
+    steps = fit_model(image, model, regions, options, landmarks=landmarks)
+    fit = yield from _followed(steps, needed)
+    for words, examine in _examinations(fit):
+        # One after the other: all of them would stop the panel for a second.
+        yield ModelStep(words)
+        needed.check()
+        examine()
+    warnings += _warningsOf(image, fit, pairs)
+    showModel(volumeNode, fit.model, "\n".join([*_summary(fit, pairs), *dict.fromkeys(warnings)]))
+    return fit
+
+
+def _examinations(fit):
+    """List what takes long to be found out about a fit, which then keeps it, with words for the panel."""
+    return (
+        (_("Distances from the regions"), lambda: fit.deviations),
+        (_("Determinant of the map"), lambda: fit.smallest_determinant),
+        (_("Sliding of attachments"), lambda: fit.sliding),
+        (_("What passes through what"), lambda: fit.diagnostics),
+    )
+
+
+def _followed(steps, needed):
+    """Pass the steps of a fit on as long as what it needs is there."""
+    while True:
+        needed.check()
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            needed.check()
+            return end.value
+        yield ModelStep(
+            _("{stage}, iteration {iteration}, cost {cost}").format(
+                stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
+            )
+        )
+
+
+class _Needed:
+    """Nodes that a fit cannot do without, and their names."""
+
+    def __init__(self, pairs, volumeNode):
+        self._nodes = [(volumeNode, _("volume {name}").format(name=volumeNode.GetName()))]
+        self._nodes += [(organ.parameterNode, _("organ {name}").format(name=organ.label)) for organ in pairs.values()]
+
+    def check(self):
+        for node, what in self._nodes:
+            if node.GetScene() is None:
+                raise ValueError(
+                    _("The {what} was deleted, but it is needed for the fit. {remedy}").format(
+                        what=what, remedy=_("Fit the model again.")
+                    )
+                )
+
+
+def _optionsOf(organ):
+    """Options of an organ, but for the shape of its surface, which is the model's."""
+    from ..registration.options import FitOptions
+
+    return replace(organ.options(), net=None, closure=FitOptions.closure, model=FitOptions.model)
+
+
+def _warningsOf(image, fit, pairs):
+    """Sentences about the model and its organs."""
+    from ..registration.diagnostics import fit_diagnostics
+
+    found = [sentence(diagnostic) for diagnostic in fit.diagnostics]
+    for name, organ in pairs.items():
+        found += [f"{organ.label}: {sentence(each)}" for each in fit_diagnostics(image, fit.organs[name])]
+    return found
+
+
+def _summary(fit, pairs):
+    """Lines with the figures of a fit."""
+    determinant, part = fit.smallest_determinant
+    lines = [
+        _("Model fitted to {organs} in {seconds} s").format(organs=", ".join(pairs), seconds=f"{fit.seconds:.1f}"),
+        _("Smallest determinant of the map: {determinant}, near {part}").format(
+            determinant=f"{determinant:.2f}", part=part
+        ),
+        _("Mean distance from the regions: {distances}").format(
+            distances=", ".join(f"{name} {distance:.2f} mm" for name, distance in fit.deviations.items())
+        ),
+    ]
+    if fit.sliding:
+        part, distance = max(fit.sliding.items(), key=lambda item: item[1])
+        lines.append(_("Attachments slid by up to {distance} mm: {part}").format(distance=f"{distance:.2f}", part=part))
+    if fit.landmarks:
+        lines.append(_("Landmarks are met within {distance} mm").format(distance=f"{max(fit.landmarks.values()):.1f}"))
+    return lines

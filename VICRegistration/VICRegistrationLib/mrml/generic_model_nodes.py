@@ -1,0 +1,300 @@
+"""A fitted generic model in the scene: a folder with a text that holds it exactly, and a model node for every part.
+
+The text is the file of the model in the local frame of its volume. The parts are triangles of it, under the volume's
+parent transform. Where a transform was hardened on the parts they say where the model is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import slicer
+import vtk
+from slicer.i18n import tr as _
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+from .organ_nodes import removeNodes
+from .organs import storable
+from .regions import TYPE_ATTRIBUTE
+from .surfaces import createModel
+from .volumes import putUnderVolume
+
+_TYPE = "generic model"
+# Attributes of the text and of a part; references of the text.
+_MESSAGE, _PART, _VOLUME, _PARTS = "VIC.message", "VIC.part", "VIC.volume", "VIC.parts"
+_PATCH_COLOR = "Patch"
+# As in the pictures of models.
+_TRANSLUCENT = 0.35
+# Triangles that are farther from where the model's are than this were changed, mm.
+_OWN_MM = 1e-2
+
+
+def showModel(volumeNode, model, message):
+    """Show a fitted model in place of an earlier one of the same volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    model : VICRegistrationLib.multipatch.model.MultiPatchModel
+        Local RAS mm of the volume.
+    message : str
+        What to know about it.
+
+    Returns
+    -------
+    vtkMRMLTextNode
+    """
+    from ..multipatch.colours import part_colours, patch_colours
+    from ..multipatch.file import model_text
+    from ..multipatch.vtp import part_polydata
+    from ..organ_colours import rgb
+
+    text, triangles = model_text(model), part_polydata(model)
+    colors, patchColors = part_colours(model), patch_colours(model)
+    shades = np.array([patchColors[patch.name] for patch in model.patches])
+    byPatch = isColoredByPatch(volumeNode)
+    textNode = findModel(volumeNode) or _createText(volumeNode)
+    earlier = {node.GetAttribute(_PART): node for node in partsOf(textNode)}
+    removeNodes([node for name, node in earlier.items() if name not in triangles])
+    textNode.SetText(text)
+    textNode.SetAttribute(_MESSAGE, message)
+    for part in model.parts:
+        node = earlier.get(part.name) or _createPart(textNode, part.name)
+        node.SetName(_nameOf(part))
+        data = _withNormals(triangles[part.name])
+        _addPatchColors(data, shades)
+        node.SetAndObservePolyData(data)
+        putUnderVolume(node, volumeNode)
+        display = node.GetDisplayNode()
+        display.SetColor(*rgb(colors[part.name]))
+        display.SetOpacity(_TRANSLUCENT if part.estimated else 1.0)
+        display.SetBackfaceCulling(False)
+    colorByPatch(volumeNode, byPatch)
+    return textNode
+
+
+def findModel(volumeNode):
+    """Text that holds the fitted model of a volume, if there is one.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode or None
+
+    Returns
+    -------
+    vtkMRMLTextNode or None
+    """
+    nodes = slicer.util.getNodesByClass("vtkMRMLTextNode") if volumeNode is not None else []
+    for node in nodes:
+        if node.GetAttribute(TYPE_ATTRIBUTE) == _TYPE and node.GetNodeReference(_VOLUME) is volumeNode:
+            return node
+    return None
+
+
+def messageOf(volumeNode):
+    """Return what to know about the fitted model of a volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode or None
+
+    Returns
+    -------
+    str
+        Empty if there is none.
+    """
+    textNode = findModel(volumeNode)
+    return (textNode.GetAttribute(_MESSAGE) or "") if textNode is not None else ""
+
+
+def partsOf(textNode):
+    """Model nodes of the parts of a fitted model that are still in the scene.
+
+    Parameters
+    ----------
+    textNode : vtkMRMLTextNode or None
+
+    Returns
+    -------
+    list of vtkMRMLModelNode
+    """
+    count = textNode.GetNumberOfNodeReferences(_PARTS) if textNode is not None else 0
+    nodes = [textNode.GetNthNodeReference(_PARTS, index) for index in range(count)]
+    return [node for node in nodes if node is not None]
+
+
+def colorByPatch(volumeNode, byPatch):
+    """Show the patches of a fitted model in different shades, or every part in one colour.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode or None
+    byPatch : bool
+    """
+    for node in partsOf(findModel(volumeNode)):
+        display = node.GetDisplayNode()
+        if display is None:
+            continue
+        with slicer.util.NodeModify(display):
+            if byPatch:
+                display.SetActiveScalar(_PATCH_COLOR, vtk.vtkAssignAttribute.CELL_DATA)
+                display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseDirectMapping)
+            display.SetScalarVisibility(byPatch)
+
+
+def isColoredByPatch(volumeNode):
+    """Whether a part of the fitted model of a volume shows its patches.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode or None
+
+    Returns
+    -------
+    bool
+    """
+    displays = [node.GetDisplayNode() for node in partsOf(findModel(volumeNode))]
+    return any(
+        display is not None and display.GetScalarVisibility() and display.GetActiveScalarName() == _PATCH_COLOR
+        for display in displays
+    )
+
+
+def followVolumeWithModel(volumeNode):
+    """Put the parts of a fitted model under the transform that its volume is under now, or that was hardened on it.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
+    for node in partsOf(findModel(volumeNode)):
+        putUnderVolume(node, volumeNode)
+
+
+def modelOfVolume(volumeNode):
+    """Fitted model of a volume, exactly.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    VICRegistrationLib.multipatch.model.MultiPatchModel
+        Where it lies in the world, RAS mm; as it was fitted where nothing has moved it.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or it was changed, or lies under a transform that bends or mirrors it.
+    """
+    from ..multipatch.file import model_of_text
+
+    textNode = findModel(volumeNode)
+    if textNode is None:
+        raise ValueError(_("There is no fitted model yet; one is needed. Press Fit model first."))
+    model = model_of_text(textNode.GetText() or "", f"text {textNode.GetName()}")
+    matrix = _matrixToWorld(volumeNode) @ _hardened(model, partsOf(textNode))
+    if np.array_equal(matrix, np.eye(4)):
+        return model
+    if np.linalg.det(matrix[:3, :3]) < 0.0:
+        raise ValueError(
+            _("The model is under a transform that mirrors it, which its patches cannot follow. Remove the transform.")
+        )
+    moved = {name: parent.transformed(matrix) for name, parent in model.parents.items()}
+    return model.carried(moved, lambda points: points @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def _matrixToWorld(volumeNode):
+    parent = volumeNode.GetParentTransformNode()
+    if parent is None:
+        return np.eye(4)
+    if not parent.IsTransformToWorldLinear():
+        raise ValueError(
+            _(
+                "The model is under a transform that bends it, which B-spline surfaces cannot follow exactly. Take the "
+                "volume out of the transform, or harden the transform on the volume and fit the model again."
+            )
+        )
+    matrix = vtk.vtkMatrix4x4()
+    parent.GetMatrixTransformToWorld(matrix)
+    return slicer.util.arrayFromVTKMatrix(matrix)
+
+
+def _hardened(model, parts):
+    """Affine map, (4, 4), that was hardened on the parts of a model."""
+    from ..multipatch.vtp import part_polydata
+
+    own = part_polydata(model)
+    pairs = [(_points(own[node.GetAttribute(_PART)]), _points(node.GetPolyData())) for node in parts]
+    if not pairs:
+        return np.eye(4)
+    if all(len(before) == len(now) for before, now in pairs):
+        before, now = (np.concatenate(side) for side in zip(*pairs))
+        if np.abs(now - before).max() <= _OWN_MM:
+            return np.eye(4)
+        homogeneous = np.column_stack([before, np.ones(len(before))])
+        matrix = np.eye(4)
+        matrix[:3] = np.linalg.lstsq(homogeneous, now, rcond=None)[0].T
+        if np.abs(homogeneous @ matrix[:3].T - now).max() <= _OWN_MM:
+            return matrix
+    raise ValueError(
+        _(
+            "The triangles of the model's parts have been changed, by hardening a transform that bends or by another "
+            "module; those of its patches are needed. Fit the model again."
+        )
+    )
+
+
+def _points(data):
+    if data is None or not data.GetNumberOfPoints():
+        return np.zeros((0, 3))
+    return vtk_to_numpy(data.GetPoints().GetData()).astype(float)
+
+
+def _nameOf(part):
+    """Name of a part's node, which says where it does not come from the image."""
+    words = "{part}"
+    if part.estimated:
+        words = _("{part} (predicted)") if part.kind == "organ" else _("{part} (estimated)")
+    return storable(words.format(part=part.name))
+
+
+def _createText(volumeNode):
+    """Text in a folder of its own beside the volume."""
+    name = _("{volume} (generic model)").format(volume=volumeNode.GetName())
+    node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTextNode", name)
+    node.SetAttribute(TYPE_ATTRIBUTE, _TYPE)
+    node.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+    folder = hierarchy.CreateFolderItem(hierarchy.GetItemParent(hierarchy.GetItemByDataNode(volumeNode)), name)
+    hierarchy.SetItemAttribute(folder, TYPE_ATTRIBUTE, "folder")
+    hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), folder)
+    return node
+
+
+def _createPart(textNode, name):
+    node = createModel(storable(name), (0.8, 0.8, 0.8))
+    node.SetAttribute(_PART, name)
+    textNode.AddNodeReferenceID(_PARTS, node.GetID())
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+    folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(textNode))
+    hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), folder)
+    return node
+
+
+def _withNormals(data):
+    """Triangles that are drawn as smooth, with the same points."""
+    normals = vtk.vtkPolyDataNormals()
+    normals.SetInputData(data)
+    normals.SplittingOff()
+    normals.ConsistencyOff()
+    normals.Update()
+    return normals.GetOutput()
+
+
+def _addPatchColors(data, shades):
+    """Give the triangles the colour of their patch, an (n_patches, 3) array of 0 to 1."""
+    numbers = vtk_to_numpy(data.GetCellData().GetArray("patch_number"))
+    array = numpy_to_vtk(np.rint(255.0 * shades[numbers - 1]).astype(np.uint8), deep=True)
+    array.SetName(_PATCH_COLOR)
+    data.GetCellData().AddArray(array)
