@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import mrml_boot
 import mrml_scenes
 import numpy as np
@@ -369,3 +372,11 @@ def test_a_volume_without_a_model_says_nothing(volume, nodes):
     assert nodes.findModel(None) is None
     assert nodes.messageOf(volume) == ""
     assert nodes.partsOf(None) == []
+
+
+def test_the_lines_for_the_python_console(slicer_module, pelvis, monkeypatch, capsys):
+    monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
+    page = (Path(__file__).resolve().parents[2] / "docs" / "generic-model.md").read_text(encoding="utf-8")
+    (block,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "fitModel" in block)
+    exec(block, {})
+    assert capsys.readouterr().out.startswith("ModelFit(2 organs fitted, 1 predicted, 11 parts estimated")
