@@ -9,6 +9,7 @@ import pytest
 from small_model import egg_with_band
 
 from VICRegistrationLib.multipatch.check import check_model, require_connected
+from VICRegistrationLib.multipatch.crossings import crossing
 from VICRegistrationLib.multipatch.model import MultiPatchModel
 from VICRegistrationLib.multipatch.pelvis import pelvis
 
@@ -102,6 +103,27 @@ def test_a_sheet_through_a_cord_is_found():
         if "cord" in item.values
     }
     assert ("passes_through_cord", "right pubourethral ligament") in found
+
+
+def test_a_sheet_through_a_sheet_is_found_though_both_begin_at_one_corner():
+    generic = pelvis()
+    end = generic.patch("right pubocervical fascia").indices[:, 1:].ravel()
+    found = check_model(moved(generic, end, (0, 0, -25)))
+    assert ("right pubocervical fascia", "levator ani") in {
+        (item.values["part"], item.values["sheet"]) for item in found if item.code == "passes_through_sheet"
+    }
+
+
+def test_triangles_that_touch_do_not_cross():
+    points = np.array(
+        [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2), (0.5, 0.5, -1), (0.5, 0.5, 1), (3, 3, 1)], dtype=float
+    )
+    first = np.array([[0, 1, 2]])
+    assert crossing(points, first, np.array([[0, 1, 3]])) is None
+    np.testing.assert_allclose(crossing(points, first, np.array([[4, 5, 6]])), (0.5, 0.5, 0.0))
+    # Two of their edges pass through the other one.
+    np.testing.assert_allclose(crossing(points, np.array([[4, 5, 6]]), first), (1.0, 1.0, 0.0))
+    assert crossing(points, first, np.array([[3, 5, 6]])) is None
 
 
 def test_another_unit_is_found(model):

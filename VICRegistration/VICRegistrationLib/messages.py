@@ -189,6 +189,9 @@ SENTENCES = {
     "passes_through_cord": _(
         "{part} passes through {cord} at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead one of them around the other."
     ),
+    "passes_through_sheet": _(
+        "{part} passes through {sheet} at R {r:.1f}, A {a:.1f}, S {s:.1f} mm. Lead one of them around the other."
+    ),
     "another_unit": _(
         "{part} is {size_mm:.3g} mm large; an organ has {least_mm:g} to {most_mm:g} mm. The model may be in another "
         "unit: write it again in mm."

@@ -38,8 +38,8 @@ examples:
 """
 _CHECK_EPILOG = """\
 Looked for are parts that share no points with others, cords that are not closed, folded patches, organs that are no
-valid solids, sheets and cords that pass through organs or cords, and signs of another unit or frame. Exit status is 3
-if something is wrong, and 2 if the file holds no model.
+valid solids or overlap, sheets and cords that pass through organs or one another, and signs of another unit or frame.
+Exit status is 3 if something is wrong, and 2 if the file holds no model.
 
 example:
   vic-registration model check my_model.json

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
@@ -10,6 +11,7 @@ from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
 from ..export.surface_data import polydata
 from ..geometry.validity import check_surface
 from ..messages import Diagnostic
+from .crossings import crossing
 from .model import MultiPatchModel, Part
 from .topology import open_edges, share_of_points, shell
 from .triangles import model_triangles
@@ -21,7 +23,7 @@ _ORGAN_SIZES = (15.0, 500.0)
 _DEEP = 0.1
 # Samples of a patch in each direction.
 _SAMPLES = 13
-# Chord error of the triangles that bound a cord, mm.
+# Chord error of the triangles of cords and sheets, mm.
 _CORD_CHORD = 0.1
 
 
@@ -38,7 +40,7 @@ def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
         Empty for a good model. Whether parts pass through others is looked for only where all hold together.
     """
     found = [*_sizes(model), *_frame(model), *_organs(model), *check_connections(model), *_folds(model)]
-    return tuple(found or [*through_organs(model), *through_cords(model)])
+    return tuple(found or [*through_organs(model), *through_cords(model), *through_sheets(model)])
 
 
 def check_connections(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
@@ -131,6 +133,30 @@ def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:
             inside = points[_enclosed(points, bounds)]
             if len(inside):
                 yield Diagnostic("passes_through_cord", {"part": part.name, "cord": cord.name, **_place(inside[0])})
+
+
+def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
+    """Find sheets that pass through other sheets.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+
+    Yields
+    ------
+    Diagnostic
+        A place of each pair.
+    """
+    mesh = model_triangles(model, chord_error=_CORD_CHORD)
+    sheets = {
+        part.name: mesh.triangles[np.isin(mesh.patch_of, mesh.numbers(p.name for p in model.patches_of(part.name)))]
+        for part in model.parts
+        if part.kind == "sheet"
+    }
+    for (one, first), (other, second) in combinations(sheets.items(), 2):
+        place = crossing(mesh.points, first, second)
+        if place is not None:
+            yield Diagnostic("passes_through_sheet", {"part": one, "sheet": other, **_place(place)})
 
 
 def patch_samples(model: MultiPatchModel, patch: str) -> np.ndarray:
