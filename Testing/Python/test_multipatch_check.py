@@ -120,9 +120,9 @@ def test_triangles_that_touch_do_not_cross():
     )
     first = np.array([[0, 1, 2]])
     assert crossing(points, first, np.array([[0, 1, 3]])) is None
-    np.testing.assert_allclose(crossing(points, first, np.array([[4, 5, 6]])), (0.5, 0.5, 0.0))
-    # Two of their edges pass through the other one.
-    np.testing.assert_allclose(crossing(points, np.array([[4, 5, 6]]), first), (1.0, 1.0, 0.0))
+    # They meet from (0.5, 0.5, 0) to there: an edge of each passes through the other one.
+    np.testing.assert_allclose(crossing(points, first, np.array([[4, 5, 6]])), (1.0, 1.0, 0.0))
+    np.testing.assert_allclose(crossing(points, np.array([[4, 5, 6]]), first), (0.5, 0.5, 0.0))
     assert crossing(points, first, np.array([[3, 5, 6]])) is None
 
 
