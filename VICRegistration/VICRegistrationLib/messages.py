@@ -134,6 +134,10 @@ SENTENCES = {
         "The stack shows no such edge along the surface, wherever it is moved (cost {cost:.2g}): another filling, "
         "another organ, or no contrast."
     ),
+    "stack_shows_another_shape": _(
+        "The edges in this stack are {apart_mm:.1f} mm beside the surface where both stacks are sharp, wherever it is "
+        "moved: another filling of the organ, which no motion explains."
+    ),
     "stack_moved_far": _(
         "The organ was found {shift_mm:.0f} mm and {turn_degrees:.0f} degrees away in this stack, farther than a "
         "patient moves between two stacks (15 mm, 15 degrees); check that both are of one examination."

@@ -32,7 +32,7 @@ def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
     list of Diagnostic
         Empty if nothing is known to be wrong.
     """
-    region = [] if fit.region is None else region_diagnostics(image, fit.region)
+    region = [] if fit.region is None else region_diagnostics(image, fit.whole_region or fit.region)
     return [*_invalid(fit), *_unconverged(fit), *region, *_without_edge(fit), *_unlike_region(fit), *_stacks(fit)]
 
 
@@ -119,7 +119,7 @@ def _unlike_region(fit: OrganFit) -> list[Diagnostic]:
     if fit.region is None:
         return []
     found = []
-    volume, separated = float(fit.surface.volume()) / 1000.0, float(fit.region.volume_ml)
+    volume, separated = float(fit.surface.volume()) / 1000.0, float((fit.whole_region or fit.region).volume_ml)
     if abs(volume - separated) > _LARGEST_CHANGE * separated:
         found.append(Diagnostic("volume_differs", {"surface_ml": volume, "region_ml": separated}))
     reach, side = fit.left_out

@@ -34,6 +34,7 @@ from ..segmentation.checks import check_scale
 from ..segmentation.separation import separate
 from .boundary import checked_boundary_points
 from .choices import Choice, choose_by
+from .completion import completed_region
 from .confidence import Confidence, confidence_of
 from .correction import correct
 from .drift_limit import left_out, valid_at_last, within_drift_limit
@@ -80,6 +81,9 @@ class OrganFit:
         The grey levels that it was fitted to.
     stacks : tuple of StackUse
         What became of each further stack, in the order in which they were given.
+    whole_region : Region or None
+        The region completed by what further stacks show beyond the border of the first one, on its grid continued;
+        None where nothing was added.
 
     Examples
     --------
@@ -109,6 +113,7 @@ class OrganFit:
     choices: tuple[Choice, ...]
     image: Image
     stacks: tuple[StackUse, ...] = ()
+    whole_region: Region | None = None
 
     def __repr__(self) -> str:
         """Show the result in one line."""
@@ -131,7 +136,7 @@ class OrganFit:
     @cached_property
     def left_out(self) -> tuple[float, str]:
         """How far the region reaches beyond the surface, mm, and at which side; see :func:`.drift_limit.left_out`."""
-        return (0.0, "") if self.region is None else left_out(self.surface, self.region)
+        return (0.0, "") if self.region is None else left_out(self.surface, self.whole_region or self.region)
 
     @property
     def iterations(self) -> int:
@@ -219,14 +224,37 @@ def fit_region(
     start, image, options = time.perf_counter(), as_image(image), options or FitOptions()
     check_scale(image)
     points, stacks = checked_boundary_points(boundary_points), as_stacks(further)
+    history: list[Step] = []
+    whole = region
+    if stacks and region.touches_border:
+        whole, stacks = yield from _completed_region(image, region, options, stacks, history)
+    model, schedule, frame = _planned(image, whole, options)
+    joint = JointStacks(stacks, frame)
+    outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=frame)
+    fit = yield from completed(image, history, outcome, points, region=region, start=start)
+    return fit if whole is region else replace(fit, whole_region=whole)
+
+
+def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSplineSurface, Schedule, np.ndarray]:
+    """Place a generic model, plan its fit, and tell the frame of both: (4, 4) to RAS mm."""
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, options.filled_in(threshold=region.threshold))
     net = first_net(options.net, options.closure)
     model = generic_model(options.model, schedule.region.shape(pose.extents), net, options.closure)
-    history: list[Step] = []
-    joint = JointStacks(stacks, frame_of(pose))
-    outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=joint.frame)
-    return (yield from completed(image, history, outcome, points, region=region, start=start))
+    return model, schedule, frame_of(pose)
+
+
+def _completed_region(
+    image: Image, region: Region, options: FitOptions, stacks: tuple[Stack, ...], history: list[Step]
+) -> Generator[Step, None, tuple[Region, tuple[Stack, ...]]]:
+    """Complete a region that the first stack cuts off from the others, where a surface of it shows how they moved."""
+    model, schedule, frame = _planned(image, region, options)
+    start = yield from recorded(_started(model, schedule, "first stack alone, "), history, local_to_ras=frame)
+    joint = JointStacks(stacks, frame)
+    joint.beside(schedule, start.coarse.surface)
+    stacks = tuple(use.stack if use.used else stack for use, stack in zip(joint.uses(start.coarse.surface), stacks))
+    used = [use for use in joint.uses(start.coarse.surface) if use.used]
+    return completed_region(image, region, [(use.image, use.motion) for use in used]), stacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,14 +280,43 @@ class Outcome:
 def _register(
     model: BSplineSurface, schedule: Schedule, options: FitOptions, stacks: JointStacks
 ) -> Generator[Step, None, Outcome]:
-    """Register a generic model, step by step, in the organ's frame."""
+    """Register a generic model, step by step, in the organ's frame; without stacks that contradict the first one."""
+    start = yield from _started(model, schedule)
+    while True:
+        outcome = yield from _on_grey_levels(model, start, schedule, options, stacks)
+        if not stacks.leave_out_contradicting():
+            return outcome
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Last steps of the stages in the first stack: global scaling, on the region, and coarse on the grey levels."""
+
+    scaled: Step
+    on_region: Step
+    coarse: Step
+
+
+def _started(model: BSplineSurface, schedule: Schedule, prefix: str = "") -> Generator[Step, None, _Start]:
+    """Bring a generic model near the edge in the first stack; the names of the stages get a prefix."""
+    closure = schedule.options.closure
+    space = sampled_net(net_of(model, closure), closure)
+    scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
+    steps = []
+    for stage in (schedule.scaling, schedule.on_region, schedule.coarse):
+        stage = replace(stage, name=f"{prefix}{stage.name}")
+        steps.append((yield from last_step(stage, space.at(steps[-1].surface) if steps else scaling)))
+    return _Start(*steps)
+
+
+def _on_grey_levels(
+    model: BSplineSurface, start: _Start, schedule: Schedule, options: FitOptions, stacks: JointStacks
+) -> Generator[Step, None, Outcome]:
+    """Register on the grey levels of all stacks, coarse and fine, with finer and finer nets."""
+    scaled, on_region = start.scaled, start.on_region
     first = net_of(model, options.closure)
     space = sampled_net(first, options.closure)
-    scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
-    scaled = yield from last_step(schedule.scaling, scaling)
-    on_region = yield from last_step(schedule.on_region, space.at(scaled.surface))
-    coarse = yield from last_step(schedule.coarse, space.at(on_region.surface))
-    schedule, coarse = yield from stacks.joined(schedule, coarse, space)
+    schedule, coarse = yield from stacks.joined(schedule, start.coarse, space)
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
     fine = yield from last_step(schedule.fine, space.at(coarse.surface))
     schedule, surface = stacks.realigned(schedule, fine.surface)

@@ -382,7 +382,9 @@ def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margi
 def _check_grid(image: Image, region: Region) -> None:
     """Refuse a region that was cut from another image."""
     first = image.to_ras(np.array([region.offset[::-1]], dtype=float))[0]
-    fits = np.all(np.asarray(region.offset) + region.mask.shape <= image.array.shape)
+    # A region may go on beyond the image, where further stacks show the organ.
+    last = np.asarray(region.offset) + region.mask.shape
+    fits = np.all(last > 0) and np.all(np.asarray(region.offset) < image.array.shape)
     same = np.allclose(first, region.ijk_to_ras[:3, 3], atol=1e-3) and np.allclose(
         image.ijk_to_ras[:3, :3], region.ijk_to_ras[:3, :3], atol=1e-5
     )

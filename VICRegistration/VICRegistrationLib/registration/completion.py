@@ -1,0 +1,136 @@
+"""A region that one stack cuts off, completed from the others once the motion between them is known roughly."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from ..imaging.image import Image
+from ..imaging.region import Region
+from ..imaging.resampling import resampled
+from ..segmentation.separation import separate
+
+# Dice coefficient from which two stacks hold the same organ in what both of them show.
+_SAME_ORGAN = 0.8
+# A region that grows by less than this share was not cut.
+_LEAST_GAIN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The organ's region in a further stack, moved to where the first one shows it: mask and whole stack."""
+
+    mask: Image
+    stack: Image
+
+
+def completed_region(image: Image, region: Region, stacks: Sequence[tuple[Image, np.ndarray]]) -> Region:
+    """Add to a region what further stacks show of the organ beyond the border of the first one.
+
+    Parameters
+    ----------
+    image : Image
+        The first stack.
+    region : Region
+        Of the organ in it.
+    stacks : sequence of (Image, (4, 4) ndarray)
+        Further stacks, each with the motion that takes points of the first one to it, RAS mm.
+
+    Returns
+    -------
+    Region
+        On the image's grid continued beyond its border: `offset` may be negative. In the image it is the region that
+        was given, for that is where its seeds are. That region itself where no stack adds to it.
+    """
+    parts = [part for stack, motion in stacks if (part := _part(region, stack, motion)) is not None]
+    if not parts:
+        return region
+    start, size = _grid(region, [part.mask for part in parts])
+    matrix = region.ijk_to_ras.copy()
+    matrix[:3, 3] += matrix[:3, :3] @ start[::-1]
+    own = np.zeros(size, dtype=bool)
+    own[tuple(slice(-low, -low + count) for low, count in zip(start, region.mask.shape))] = region.mask
+    first = np.asarray(region.offset) + start
+    inside = np.zeros(size, dtype=bool)
+    inside[tuple(slice(max(-low, 0), max(top - low, 0)) for low, top in zip(first, image.array.shape))] = True
+    added = np.zeros(size, dtype=bool)
+    for part in parts:
+        found = resampled(part.mask, matrix, size[::-1]).array >= 0.5
+        seen = _lies_in(part.stack, matrix, size)
+        common = inside & seen
+        both = np.count_nonzero(own & common) + np.count_nonzero(found & common)
+        if both and 2.0 * np.count_nonzero(own & found & common) >= _SAME_ORGAN * both:
+            added |= found & ~inside
+    whole, count = ndimage.label(own | added)
+    if count:
+        whole = whole == whole[own][0]
+    if np.count_nonzero(whole) < (1.0 + _LEAST_GAIN) * np.count_nonzero(own):
+        return region
+    faces = _still_cut(region, whole & ~inside, first, image)
+    return replace(region, mask=whole, offset=tuple(first.tolist()), ijk_to_ras=matrix, touches_border=faces)
+
+
+def _part(region: Region, stack: Image, motion: np.ndarray) -> _Part | None:
+    """Separate the organ in a further stack, from the deepest place of its region that lies there; None if it fails."""
+    depth = ndimage.distance_transform_edt(np.pad(region.mask, 1), sampling=region.spacing[::-1])[1:-1, 1:-1, 1:-1]
+    places = np.argwhere(region.mask)
+    points = region.image.to_ras(places[:, ::-1]) @ motion[:3, :3].T + motion[:3, 3]
+    ijk = stack.to_ijk(points)
+    there = np.all((ijk >= 0.0) & (ijk <= stack.size - 1.0), axis=1)
+    if not there.any():
+        return None
+    deepest = np.where(there, depth[tuple(places.T)], -1.0).argmax()
+    try:
+        found = separate(stack, points[deepest][None])
+    except ValueError:
+        return None
+    back = np.linalg.inv(motion)
+    padded = Image(np.pad(found.mask, 1), _shifted(found.ijk_to_ras, -np.ones(3)))
+    moved = Image(padded.array, back @ padded.ijk_to_ras)
+    return _Part(moved, Image(stack.array, back @ stack.ijk_to_ras))
+
+
+def _shifted(ijk_to_ras: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    matrix = ijk_to_ras.copy()
+    matrix[:3, 3] += matrix[:3, :3] @ steps
+    return matrix
+
+
+def _grid(region: Region, masks: Sequence[Image]) -> tuple[np.ndarray, np.ndarray]:
+    """Cover a region and masks on its grid: the first voxel (k, j, i), counted from the region's, and the size."""
+    lows, highs = [np.zeros(3, dtype=int)], [np.array(region.mask.shape)]
+    for mask in masks:
+        corners = np.array(list(itertools.product(*((0.0, count - 1.0) for count in mask.size))))
+        ijk = region.image.to_ijk(mask.to_ras(corners))[:, ::-1]
+        lows.append(np.floor(ijk.min(axis=0)).astype(int))
+        highs.append(np.ceil(ijk.max(axis=0)).astype(int) + 1)
+    start = np.min(lows, axis=0)
+    return start, np.max(highs, axis=0) - start
+
+
+def _lies_in(image: Image, matrix: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Which voxels of a grid lie in an image, (k, j, i) of bool."""
+    between = image.ras_to_ijk @ matrix
+    k, j, i = np.ogrid[tuple(slice(count) for count in size)]
+    inside = np.ones(size, dtype=bool)
+    for row, count in zip(between[:3], image.size):
+        along = row[0] * i + row[1] * j + row[2] * k + row[3]
+        inside &= (along >= -0.5) & (along <= count - 0.5)
+    return inside
+
+
+def _still_cut(region: Region, added: np.ndarray, first: np.ndarray, image: Image) -> tuple[str, ...]:
+    """Faces of the image that a region touches and beyond which nothing was added."""
+    faces = []
+    for face in region.touches_border:
+        axis = 2 - "ijk".index(face[0])
+        end = -first[axis] if face[1] == "-" else image.array.shape[axis] - first[axis]
+        beyond = [slice(None)] * 3
+        beyond[axis] = slice(0, max(end, 0)) if face[1] == "-" else slice(end, None)
+        if not added[tuple(beyond)].any():
+            faces.append(face)
+    return tuple(faces)
