@@ -86,14 +86,14 @@ def test_every_part_is_a_model_in_one_folder(fit, volume, nodes):
     hierarchy = slicer.mrmlScene.GetSubjectHierarchyNode()
     folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(text))
     assert hierarchy.GetItemName(folder) == text.GetName() == "mri (generic model)"
-    parts = nodes.partsOf(text)
+    parts = nodes.partsOf(volume)
     assert {hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) for node in parts} == {folder}
     assert hierarchy.GetNumberOfItemChildren(folder) == 1 + len(found.model.parts)
 
 
 def test_what_the_image_does_not_show_is_called_so_and_translucent(fit, volume, nodes):
     fit()
-    parts = {node.GetName(): node for node in nodes.partsOf(nodes.findModel(volume))}
+    parts = {node.GetName(): node for node in nodes.partsOf(volume)}
     seen = {name for name in parts if "(" not in name}
     assert seen == {"bladder", "vagina"}
     assert {"rectum (predicted)", "levator ani (estimated)"} < set(parts)
@@ -119,7 +119,7 @@ def test_the_scene_holds_the_model_bit_for_bit(fit, volume, nodes):
 
 def test_parts_lie_on_their_patches(fit, volume, nodes):
     found = fit()
-    node = next(node for node in nodes.partsOf(nodes.findModel(volume)) if node.GetName() == "bladder")
+    node = next(node for node in nodes.partsOf(volume) if node.GetName() == "bladder")
     points = slicer.util.arrayFromModelPoints(node)
     net = found.model.parents["bladder"].control_net.reshape(-1, 3)
     assert np.all(points >= net.min(axis=0) - 1e-6)
@@ -130,10 +130,19 @@ def test_parts_lie_on_their_patches(fit, volume, nodes):
 def test_fitting_again_replaces_what_the_folder_holds(fit, volume, nodes, scene):
     fit()
     content = mrml_scenes.content(scene)
-    nodes.removeNodes(nodes.partsOf(nodes.findModel(volume))[3:4])
+    nodes.removeNodes(nodes.partsOf(volume)[3:4])
     fit()
     assert len(mrml_scenes.content(scene)) == len(content)
-    assert len(nodes.partsOf(nodes.findModel(volume))) == len(generic_pelvis().parts)
+    assert len(nodes.partsOf(volume)) == len(generic_pelvis().parts)
+
+
+def test_parts_outlive_their_text_and_are_taken_again(fit, volume, nodes):
+    found = fit()
+    nodes.removeNodes([nodes.findModel(volume)])
+    with pytest.raises(ValueError, match="no fitted model yet"):
+        nodes.modelOfVolume(volume)
+    fit()
+    assert len(nodes.partsOf(volume)) == len(found.model.parts)
 
 
 def test_another_model_leaves_no_part_of_the_one_before(fit, volume, nodes, tmp_path):
@@ -141,7 +150,7 @@ def test_another_model_leaves_no_part_of_the_one_before(fit, volume, nodes, tmp_
     model = generic_pelvis()
     write_model(_without(model, "levator ani"), tmp_path / "smaller & other.json")
     fit(model=str(tmp_path / "smaller & other.json"))
-    names = [node.GetName() for node in nodes.partsOf(nodes.findModel(volume))]
+    names = [node.GetName() for node in nodes.partsOf(volume)]
     assert len(names) == len(model.parts) - 1
     assert "levator ani (estimated)" not in names
 
@@ -157,13 +166,13 @@ def _without(model, name):
 def test_a_fit_that_is_cancelled_leaves_the_earlier_result(fit, steps, volume, nodes, scene, words):
     fit()
     text, content = nodes.findModel(volume).GetText(), mrml_scenes.content(scene)
-    before = [node.GetPolyData() for node in nodes.partsOf(nodes.findModel(volume))]
+    before = [node.GetPolyData() for node in nodes.partsOf(volume)]
     running = steps()
     run_until(running, words)
     running.close()
     assert nodes.findModel(volume).GetText() == text
     assert mrml_scenes.content(scene) == content
-    assert [node.GetPolyData() for node in nodes.partsOf(nodes.findModel(volume))] == before
+    assert [node.GetPolyData() for node in nodes.partsOf(volume)] == before
 
 
 @pytest.mark.parametrize("words", ["vagina: separating", "grey levels, fine", "Sliding"])
@@ -273,7 +282,7 @@ def test_patches_are_coloured_on_demand(fit, volume, nodes):
     assert not nodes.isColoredByPatch(volume)
     nodes.colorByPatch(volume, True)
     assert nodes.isColoredByPatch(volume)
-    node = next(node for node in nodes.partsOf(nodes.findModel(volume)) if node.GetName() == "bladder")
+    node = next(node for node in nodes.partsOf(volume) if node.GetName() == "bladder")
     colors = vtk_to_numpy(node.GetPolyData().GetCellData().GetArray(node.GetDisplayNode().GetActiveScalarName()))
     # Shades repeat, but not for neighbours.
     assert 2 <= len(np.unique(colors, axis=0)) <= len(found.model.patches_of("bladder"))
@@ -298,7 +307,7 @@ def test_a_scene_that_is_saved_holds_everything(fit, volume, nodes, chosen, logi
     assert nodes.modelOfVolume(loaded).points.tobytes() == found.model.points.tobytes()
     assert nodes.messageOf(loaded) == message
     assert nodes.isColoredByPatch(loaded)
-    assert len(nodes.partsOf(nodes.findModel(loaded))) == len(found.model.parts)
+    assert len(nodes.partsOf(loaded)) == len(found.model.parts)
     kept = chosen.GenericModelParameters(logic.getParameterNode().parameterNode)
     assert kept.modelName == "pelvis"
     assert kept.modelLandmarks.GetNumberOfUndefinedControlPoints() == 5
@@ -329,7 +338,7 @@ def test_files_are_written_where_the_model_lies(fit, volume, nodes):
     # Hardened on the volume, the parts are moved for good, and the model with them.
     volume.HardenTransform()
     nodes.followVolumeWithModel(volume)
-    assert nodes.partsOf(nodes.findModel(volume))[0].GetParentTransformNode() is None
+    assert nodes.partsOf(volume)[0].GetParentTransformNode() is None
     np.testing.assert_allclose(nodes.modelOfVolume(volume).points, wanted, atol=1e-3)
 
 
@@ -346,7 +355,7 @@ def test_a_transform_that_mirrors_or_bends_is_refused(fit, volume, nodes):
 
 def test_parts_that_another_module_has_changed_are_refused(fit, volume, nodes):
     fit()
-    part = nodes.partsOf(nodes.findModel(volume))[0]
+    part = nodes.partsOf(volume)[0]
     slicer.util.arrayFromModelPoints(part)[:] *= 1.01
     with pytest.raises(ValueError, match="Fit the model again"):
         nodes.modelOfVolume(volume)

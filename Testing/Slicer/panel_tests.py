@@ -508,7 +508,7 @@ class ModelTest(PanelTestCase):
         self.waitForModel()
 
     def parts(self):
-        return {node.GetName(): node for node in partsOf(findModel(self.volume))}
+        return {node.GetName(): node for node in partsOf(self.volume)}
 
     def test_itsOrgansAreThoseOfTheTableWithTheirNames(self):
         self.assertEqual(self.ui.modelOrgansTable.rowCount, 3)

@@ -19,8 +19,8 @@ from .surfaces import createModel
 from .volumes import putUnderVolume
 
 _TYPE = "generic model"
-# Attributes of the text and of a part; references of the text.
-_MESSAGE, _PART, _VOLUME, _PARTS = "VIC.message", "VIC.part", "VIC.volume", "VIC.parts"
+# Attributes of the text and of a part, and the reference of both to their volume.
+_MESSAGE, _PART, _VOLUME = "VIC.message", "VIC.part", "VIC.volume"
 _PATCH_COLOR = "Patch"
 # As in the pictures of models.
 _TRANSLUCENT = 0.35
@@ -53,12 +53,13 @@ def showModel(volumeNode, model, message):
     shades = np.array([patchColors[patch.name] for patch in model.patches])
     byPatch = isColoredByPatch(volumeNode)
     textNode = findModel(volumeNode) or _createText(volumeNode)
-    earlier = {node.GetAttribute(_PART): node for node in partsOf(textNode)}
+    earlier = {node.GetAttribute(_PART): node for node in partsOf(volumeNode)}
     removeNodes([node for name, node in earlier.items() if name not in triangles])
     textNode.SetText(text)
     textNode.SetAttribute(_MESSAGE, message)
     for part in model.parts:
-        node = earlier.get(part.name) or _createPart(textNode, part.name)
+        node = earlier.get(part.name) or _createPart(volumeNode, part.name)
+        _putBeside(textNode, node)
         node.SetName(_nameOf(part))
         data = _withNormals(triangles[part.name])
         _addPatchColors(data, shades)
@@ -83,11 +84,8 @@ def findModel(volumeNode):
     -------
     vtkMRMLTextNode or None
     """
-    nodes = slicer.util.getNodesByClass("vtkMRMLTextNode") if volumeNode is not None else []
-    for node in nodes:
-        if node.GetAttribute(TYPE_ATTRIBUTE) == _TYPE and node.GetNodeReference(_VOLUME) is volumeNode:
-            return node
-    return None
+    nodes = _belonging("vtkMRMLTextNode", volumeNode)
+    return next((node for node in nodes if node.GetAttribute(TYPE_ATTRIBUTE) == _TYPE), None)
 
 
 def messageOf(volumeNode):
@@ -106,20 +104,18 @@ def messageOf(volumeNode):
     return (textNode.GetAttribute(_MESSAGE) or "") if textNode is not None else ""
 
 
-def partsOf(textNode):
+def partsOf(volumeNode):
     """Model nodes of the parts of a fitted model that are still in the scene.
 
     Parameters
     ----------
-    textNode : vtkMRMLTextNode or None
+    volumeNode : vtkMRMLScalarVolumeNode or None
 
     Returns
     -------
     list of vtkMRMLModelNode
     """
-    count = textNode.GetNumberOfNodeReferences(_PARTS) if textNode is not None else 0
-    nodes = [textNode.GetNthNodeReference(_PARTS, index) for index in range(count)]
-    return [node for node in nodes if node is not None]
+    return [node for node in _belonging("vtkMRMLModelNode", volumeNode) if node.GetAttribute(_PART) is not None]
 
 
 def colorByPatch(volumeNode, byPatch):
@@ -130,7 +126,7 @@ def colorByPatch(volumeNode, byPatch):
     volumeNode : vtkMRMLScalarVolumeNode or None
     byPatch : bool
     """
-    for node in partsOf(findModel(volumeNode)):
+    for node in partsOf(volumeNode):
         display = node.GetDisplayNode()
         if display is None:
             continue
@@ -152,7 +148,7 @@ def isColoredByPatch(volumeNode):
     -------
     bool
     """
-    displays = [node.GetDisplayNode() for node in partsOf(findModel(volumeNode))]
+    displays = [node.GetDisplayNode() for node in partsOf(volumeNode)]
     return any(
         display is not None and display.GetScalarVisibility() and display.GetActiveScalarName() == _PATCH_COLOR
         for display in displays
@@ -166,7 +162,7 @@ def followVolumeWithModel(volumeNode):
     ----------
     volumeNode : vtkMRMLScalarVolumeNode
     """
-    for node in partsOf(findModel(volumeNode)):
+    for node in partsOf(volumeNode):
         putUnderVolume(node, volumeNode)
 
 
@@ -193,7 +189,7 @@ def modelOfVolume(volumeNode):
     if textNode is None:
         raise ValueError(_("There is no fitted model yet; one is needed. Press Fit model first."))
     model = model_of_text(textNode.GetText() or "", f"text {textNode.GetName()}")
-    matrix = _matrixToWorld(volumeNode) @ _hardened(model, partsOf(textNode))
+    matrix = _matrixToWorld(volumeNode) @ _hardened(model, partsOf(volumeNode))
     if np.array_equal(matrix, np.eye(4)):
         return model
     if np.linalg.det(matrix[:3, :3]) < 0.0:
@@ -272,14 +268,24 @@ def _createText(volumeNode):
     return node
 
 
-def _createPart(textNode, name):
+def _createPart(volumeNode, name):
     node = createModel(storable(name), (0.8, 0.8, 0.8))
     node.SetAttribute(_PART, name)
-    textNode.AddNodeReferenceID(_PARTS, node.GetID())
+    node.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+    return node
+
+
+def _putBeside(textNode, node):
+    """Put the node of a part into the folder of the text."""
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(textNode))
     hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), folder)
-    return node
+
+
+def _belonging(className, volumeNode):
+    """Nodes of a class that refer to a volume as theirs."""
+    nodes = slicer.util.getNodesByClass(className) if volumeNode is not None else []
+    return [node for node in nodes if node.GetNodeReference(_VOLUME) is volumeNode]
 
 
 def _withNormals(data):
