@@ -58,6 +58,7 @@ CHOICES = {
     "referenceKindCombo": ["Segment of a segmentation"],
     "colorByCombo": ["Deviation from the reference"],
     "genericModelCombo": ["Pelvis"],
+    "modelMeshCombo": ["No mesh"],
 }
 TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
@@ -76,6 +77,7 @@ HIDDEN = (
     *("segmentLabel", "segmentSelector", "plotFrame", "referenceModelLabel", "referenceModelSelector"),
     *("meshSizeLabel", "meshSizeSlider", "meshOrderLabel", "meshOrderCombo", "meshWallLabel", "meshWallSlider"),
     *("cancelExportButton", "givenLevelsLabel", "insideSpin", "outsideSpin", "modelFileLabel", "modelFileEdit"),
+    *("modelMeshSizeLabel", "modelMeshSizeSlider"),
 )
 
 

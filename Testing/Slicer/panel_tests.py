@@ -468,7 +468,7 @@ class ExportTest(PanelTestCase):
             waitFor(lambda: self.ui.exportStatusLabel.text != asked)
             self.ui.cancelExportButton.click()
             waitFor(lambda: not self.panel.exportSection.running)
-            self.assertEqual(self.ui.exportStatusLabel.text, "Cancelled; nothing was written.")
+            self.assertEqual(self.ui.exportStatusLabel.text, "Cancelled; no mesh was written.")
             # The mesher itself is gone as well, and what it has begun.
             waitFor(lambda: not os.listdir(folder))
         self.assertTrue(self.ui.exportButton.enabled)
@@ -541,6 +541,23 @@ class ModelTest(PanelTestCase):
             self.ui.exportModelButton.click()
             self.assertIn("Written", self.ui.modelStatusLabel.text)
             self.assertTrue({"model.json", "model.step", "model.vtp"} < set(os.listdir(folder)))
+
+    def test_aMeshIsWrittenToo(self):
+        if not gmshCanBeLoaded():
+            self.skipTest("gmsh is not installed, or lacks a library of the system")
+        self.fitModel()
+        self.ui.modelMeshCombo.setCurrentIndex(self.ui.modelMeshCombo.findData(".inp"))
+        self.assertTrue(self.ui.modelMeshSizeSlider.visible)
+        self.ui.modelMeshSizeSlider.value = 8.0
+        with tempfile.TemporaryDirectory() as folder:
+            self.ui.modelFolderEdit.currentPath = folder
+            self.ui.exportModelButton.click()
+            self.assertTrue(self.ui.cancelModelButton.enabled)
+            waitFor(lambda: not self.ui.cancelModelButton.enabled)
+            self.assertTrue({"model.json", "model.inp"} < set(os.listdir(folder)))
+        self.assertIn("model.inp", self.ui.modelStatusLabel.text)
+        self.assertIn("tetrahedra", self.ui.modelStatusLabel.text)
+        self.ui.modelMeshCombo.setCurrentIndex(0)
 
     def test_cancelLeavesTheEarlierResult(self):
         self.fitModel()

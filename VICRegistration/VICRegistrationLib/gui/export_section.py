@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-
 import ctk
 from slicer.i18n import tr as _
 
-from ..mrml.exporting import MESHES, exportSurfaces, loadMesh, meshArguments
-from .command import Command
+from ..mrml.exporting import MESHES, exportSurfaces, meshArguments
 from .form import showRow
+from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
-from .packages import ensurePackage
 
 _SELECTED, _ALL = range(2)
-_VTU = ".vtu"
 
 
 def _formats():
@@ -24,11 +19,7 @@ def _formats():
         (".stl", _("Triangles (.stl)")),
         (".ply", _("Triangles (.ply)")),
         (".vtp", _("Triangles with the control net (.vtp)")),
-        (_VTU, _("Tetrahedra, shown in the scene (.vtu)")),
-        (".msh", _("Tetrahedra for Gmsh (.msh)")),
-        (".inp", _("Tetrahedra for Abaqus (.inp)")),
-        (".med", _("Tetrahedra for Code_Aster, Salome (.med)")),
-        (".bdf", _("Tetrahedra for Nastran (.bdf)")),
+        *meshFormats(),
     )
 
 
@@ -43,8 +34,7 @@ class ExportSection:
     def __init__(self, ui):
         self._ui, self._organs, self._current = ui, [], None
         self._message = MessageLabel(ui.exportStatusLabel)
-        self._command = self._work = self._path = None
-        self._lines, self._cancelled = [], False
+        self._mesher = Mesher(self._tell, self._formatChosen)
         for suffix, text in _formats():
             ui.exportFormatCombo.addItem(text, suffix)
         ui.exportOrgansCombo.addItem(_("Selected organ"))
@@ -62,7 +52,7 @@ class ExportSection:
     @property
     def running(self):
         """Whether a mesh is being made."""
-        return self._command is not None
+        return self._mesher.running
 
     def show(self, organs, current):
         """Offer what can be written.
@@ -77,9 +67,7 @@ class ExportSection:
 
     def stop(self):
         """End the mesher, if it runs; no file is left of it."""
-        if self._command is not None:
-            self._cancelled = True
-            self._command.cancel()
+        self._mesher.stop()
 
     def _chosen(self):
         if self._ui.exportOrgansCombo.currentIndex == _ALL:
@@ -117,61 +105,12 @@ class ExportSection:
 
     def _mesh(self, folder, suffix):
         ui = self._ui
-        if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
-            self._tell(
-                _(
-                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
-                    "install it; if that has failed, the log has the reason (Help > Report a Bug)."
-                )
-            )
-            return
-        self._work, self._lines, self._cancelled = tempfile.mkdtemp(prefix="vic-export-"), [], False
-        try:
-            arguments, self._path = meshArguments(
-                self._chosen(),
-                self._work,
-                folder,
-                suffix,
-                sizeMm=ui.meshSizeSlider.value,
-                order=ui.meshOrderCombo.itemData(ui.meshOrderCombo.currentIndex),
-                wallMm=ui.meshWallSlider.value,
-            )
-        except (ValueError, OSError):
-            self._tidyUp()
-            raise
-        self._tell(_("Meshing ..."))
-        self._command = Command(arguments, self._heard, self._meshed)
-        self._formatChosen()
-
-    def _heard(self, line):
-        self._lines.append(line)
-        self._tell(line)
-
-    def _meshed(self, code, report):
-        self._command = None
-        self._tidyUp()
-        if code != 0 and self._cancelled:
-            self._tell(_("Cancelled; nothing was written."))
-        elif code != 0:
-            self._tell(
-                self._lines[-1]
-                if self._lines
-                else _("The mesher ended without a mesh; nothing was written. Try another size.")
-            )
-        else:
-            self._tell("\n".join([_("Written: {files}").format(files=self._path), report]))
-            if self._path.suffix == _VTU:
-                self._load()
-        self._formatChosen()
-
-    def _load(self):
-        try:
-            loadMesh(self._path)
-        except ValueError as error:
-            self._tell(str(error))
-
-    def _tidyUp(self):
-        shutil.rmtree(self._work, ignore_errors=True)
+        how = {
+            "sizeMm": ui.meshSizeSlider.value,
+            "order": ui.meshOrderCombo.itemData(ui.meshOrderCombo.currentIndex),
+            "wallMm": ui.meshWallSlider.value,
+        }
+        self._mesher.mesh(lambda work: meshArguments(self._chosen(), work, folder, suffix, **how))
 
     def _tell(self, text):
         self._message.show(text)

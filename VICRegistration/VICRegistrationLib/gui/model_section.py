@@ -9,18 +9,21 @@ from slicer.i18n import tr as _
 from slicer.util import VTKObservationMixin
 
 from ..mrml.generic_model import GenericModelParameters, createLandmarks, modelNamed, pairedOrgans, pairOrgan
-from ..mrml.generic_model_export import exportModel
+from ..mrml.generic_model_export import exportModel, modelMeshArguments
 from ..mrml.generic_model_fit import modelSteps
 from ..mrml.generic_model_nodes import colorByPatch, findModel, isColoredByPatch, messageOf
 from ..mrml.points import placedPoints, placingEvents
 from ..multipatch.library import MODELS
 from .binding import Binding
 from .form import fitHeight, showRow
+from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
 from .place_buttons import showPlaceButtons
 from .runner import End, StepRunner
 
 _ORGAN, _IN_TABLE = range(2)
+# The mesh, its elements and their quality; the lines after those are about single groups.
+_LINES_OF_MESH = 3
 # Data of the entry for a model in a file.
 _FILE = ""
 
@@ -46,6 +49,7 @@ class ModelSection(VTKObservationMixin):
         self._parameters = self._binding = self._volume = self._runner = None
         self._organs, self._rows, self._busy, self._landmarks = [], None, False, None
         self._message, self._fittedVolume = MessageLabel(ui.modelStatusLabel), None
+        self._written, self._mesher = "", Mesher(self._tellOfMesh, onChanged)
         self._setUpWidgets()
         ui.modelSection.connect("contentsCollapsed(bool)", self._expanded)
         ui.genericModelCombo.connect("currentIndexChanged(int)", self._modelChosen)
@@ -54,6 +58,7 @@ class ModelSection(VTKObservationMixin):
         ui.fitModelButton.connect("clicked()", self._fit)
         ui.cancelModelButton.connect("clicked()", self.cancel)
         ui.patchColorCheck.connect("toggled(bool)", self._colorChosen)
+        ui.modelMeshCombo.connect("currentIndexChanged(int)", self._meshChosen)
         ui.exportModelButton.connect("clicked()", self._export)
 
     @property
@@ -97,14 +102,16 @@ class ModelSection(VTKObservationMixin):
             self._ui.landmarkPlaceWidget.setPlaceModeEnabled(False)
 
     def cancel(self):
-        """End before the next step; an earlier result stays."""
+        """End before the next step, an earlier result stays; and end the mesher, which leaves no file."""
         if self._runner is not None:
             self._runner.cancel()
+        self._mesher.stop()
 
     def stop(self):
         """End now, because the scene or the panel goes."""
         if self._runner is not None:
             self._runner.stop()
+        self._mesher.stop()
 
     def refresh(self, organs, volumeNode, *, busy):
         """Show what is chosen and what was fitted.
@@ -121,17 +128,18 @@ class ModelSection(VTKObservationMixin):
         ready = self._parameters is not None and volumeNode is not None
         ui.modelSection.enabled = ready
         ui.fitModelButton.enabled = ready and not busy and not self.running
-        ui.cancelModelButton.enabled = self.running
+        ui.cancelModelButton.enabled = self.running or self._mesher.running
         ui.newLandmarksButton.enabled = ready
         fitted = findModel(volumeNode) is not None
         ui.patchColorCheck.enabled = fitted
-        ui.exportModelButton.enabled = fitted and not self.running
+        ui.exportModelButton.enabled = fitted and not self.running and not self._mesher.running
         if not ready:
             return
         self._showModel()
         self._showOrgans()
         self._followLandmarks()
         self._showColors()
+        self._meshChosen()
         if changed and not self.running:
             self._tell(messageOf(volumeNode))
 
@@ -143,6 +151,8 @@ class ModelSection(VTKObservationMixin):
         ui.modelFileEdit.nameFilters = (_("Models (*.json)"),)
         ui.modelFolderEdit.filters = ctk.ctkPathLineEdit.Dirs | ctk.ctkPathLineEdit.Writable
         ui.modelFolderEdit.settingKey = "VICRegistration/ModelFolder"
+        for suffix, text in (("", _("No mesh")), *meshFormats()):
+            ui.modelMeshCombo.addItem(text, suffix)
         table.setColumnCount(2)
         table.setHorizontalHeaderLabels([_("Organ of the model"), _("In the image")])
         table.verticalHeader().setVisible(False)
@@ -290,20 +300,33 @@ class ModelSection(VTKObservationMixin):
     def _colorChosen(self, byPatch):
         colorByPatch(self._volume, byPatch)
 
+    def _meshSuffix(self):
+        return self._ui.modelMeshCombo.itemData(self._ui.modelMeshCombo.currentIndex)
+
+    def _meshChosen(self, _index=None):
+        showRow(bool(self._meshSuffix()), self._ui.modelMeshSizeLabel, self._ui.modelMeshSizeSlider)
+
     def _export(self):
-        folder = self._ui.modelFolderEdit.currentPath
+        folder, suffix, volumeNode = self._ui.modelFolderEdit.currentPath, self._meshSuffix(), self._volume
         if not folder:
             self._tell(_("No folder is chosen; one is needed to write to. Choose a folder."))
             return
         self._ui.modelFolderEdit.addCurrentPathToHistory()
         try:
             with slicer.util.WaitCursor():
-                paths, problem = exportModel(self._volume, folder)
+                paths, problem = exportModel(volumeNode, folder)
+            written = _("Written: {files}").format(files=", ".join(map(str, paths)))
+            self._written = "\n".join([written, problem] if problem else [written])
+            self._tell(self._written)
+            if suffix:
+                size = self._ui.modelMeshSizeSlider.value
+                self._mesher.mesh(lambda work: modelMeshArguments(volumeNode, work, folder, suffix, sizeMm=size))
         except (ValueError, OSError) as error:
             self._tell(str(error))
-            return
-        written = _("Written: {files}").format(files=", ".join(map(str, paths)))
-        self._tell("\n".join([written, problem] if problem else [written]))
+
+    def _tellOfMesh(self, text):
+        """Show what the mesher says below the files that were written; of its report the lines about the whole."""
+        self._tell("\n".join([self._written, *text.split("\n")[:_LINES_OF_MESH]]))
 
     def _tell(self, text):
         self._message.show(text)

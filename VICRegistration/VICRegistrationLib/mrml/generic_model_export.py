@@ -48,3 +48,37 @@ def exportModel(volumeNode, folder):
             write_surface(parent, drafts / f"{name}.json", name=name)
             names.append(f"{name}.json")
     return [Path(folder) / name for name in names], problem
+
+
+def modelMeshArguments(volumeNode, workFolder, folder, suffix, *, sizeMm):
+    """Words of the command ``vic-registration mesh`` that meshes the fitted model of a volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    workFolder : path
+        Gets the model; has to be there until the process has ended.
+    folder : path
+        Gets the mesh.
+    suffix : str
+        One of `exporting.MESHES`.
+    sizeMm : float
+        Edge of an element.
+
+    Returns
+    -------
+    arguments : list of str
+    path : Path
+        Of the mesh.
+
+    Raises
+    ------
+    ValueError, OSError
+        As :func:`exportModel`.
+    """
+    from ..multipatch.file import write_model
+    from ..multipatch.model_files import MODEL
+
+    source, path = Path(workFolder) / MODEL, Path(folder) / f"{Path(MODEL).stem}{suffix}"
+    write_model(modelOfVolume(volumeNode), source)
+    return ["mesh", str(source), "--size", f"{sizeMm:g}", "--output", str(path)], path

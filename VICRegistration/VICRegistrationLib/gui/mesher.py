@@ -1,0 +1,121 @@
+"""A mesh of tetrahedra, made in a process of its own while the panel stays alive."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from slicer.i18n import tr as _
+
+from ..mrml.exporting import loadMesh
+from .command import Command
+from .packages import ensurePackage
+
+_VTU = ".vtu"
+
+
+def meshFormats():
+    """List the endings of the files of meshes, and what they are called in the panel.
+
+    Returns
+    -------
+    tuple of (str, str)
+    """
+    return (
+        (_VTU, _("Tetrahedra, shown in the scene (.vtu)")),
+        (".msh", _("Tetrahedra for Gmsh (.msh)")),
+        (".inp", _("Tetrahedra for Abaqus (.inp)")),
+        (".med", _("Tetrahedra for Code_Aster, Salome (.med)")),
+        (".bdf", _("Tetrahedra for Nastran (.bdf)")),
+    )
+
+
+class Mesher:
+    """Runs ``vic-registration mesh``, one mesh at a time.
+
+    Parameters
+    ----------
+    tell : callable
+        Called with what is to be shown: progress, the result, or what is wrong.
+    onChanged : callable
+        Called without arguments when the process has begun or ended.
+    """
+
+    def __init__(self, tell, onChanged):
+        self._tell, self._onChanged = tell, onChanged
+        self._command = self._work = self._path = None
+        self._lines, self._cancelled = [], False
+
+    @property
+    def running(self):
+        """Whether a mesh is being made."""
+        return self._command is not None
+
+    def mesh(self, arguments):
+        """Begin a mesh; one in .vtu is loaded into the scene at the end.
+
+        Parameters
+        ----------
+        arguments : callable
+            Takes a folder for what the mesher reads; returns the words of the command, and the path of the mesh.
+
+        Raises
+        ------
+        ValueError, OSError
+            As `arguments` does; nothing is left then.
+        """
+        if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
+            self._tell(
+                _(
+                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
+                    "install it; if that has failed, the log has the reason (Help > Report a Bug)."
+                )
+            )
+            return
+        self._work, self._lines, self._cancelled = tempfile.mkdtemp(prefix="vic-export-"), [], False
+        try:
+            words, path = arguments(self._work)
+        except (ValueError, OSError):
+            self._tidyUp()
+            raise
+        self._path = Path(path)
+        self._tell(_("Meshing ..."))
+        self._command = Command(words, self._heard, self._meshed)
+        self._onChanged()
+
+    def stop(self):
+        """End the mesher, if it runs; no file is left of it."""
+        if self._command is not None:
+            self._cancelled = True
+            self._command.cancel()
+
+    def _heard(self, line):
+        self._lines.append(line)
+        self._tell(line)
+
+    def _meshed(self, code, report):
+        self._command = None
+        self._tidyUp()
+        if code != 0 and self._cancelled:
+            self._tell(_("Cancelled; no mesh was written."))
+        elif code != 0:
+            self._tell(
+                self._lines[-1]
+                if self._lines
+                else _("The mesher ended without a mesh; nothing was written. Try another size.")
+            )
+        else:
+            self._tell("\n".join([_("Written: {files}").format(files=self._path), report]))
+            if self._path.suffix == _VTU:
+                self._load()
+        self._onChanged()
+
+    def _load(self):
+        try:
+            loadMesh(self._path)
+        except ValueError as error:
+            self._tell(str(error))
+
+    def _tidyUp(self):
+        shutil.rmtree(self._work, ignore_errors=True)
