@@ -15,6 +15,7 @@ from PySide6.QtGui import QColor, QIcon, QPainter, QPen, QPixmap, QPolygonF
 from PySide6.QtUiTools import QUiLoader
 from PySide6.QtWidgets import (
     QApplication,
+    QCheckBox,
     QComboBox,
     QDoubleSpinBox,
     QHBoxLayout,
@@ -30,7 +31,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from VICRegistrationLib.gui.form import tableHeight
+from VICRegistrationLib.gui.form import LEAST_ROWS, MOST_ROWS, STACK_ROWS, organRows, tableHeight
 from VICRegistrationLib.gui.option_texts import WIDGETS, optionTexts
 from VICRegistrationLib.registration.options import OPTIONS, FitOptions
 
@@ -44,6 +45,8 @@ ORGANS = [
     ("vagina", "#ea6a9d", "17.4", "fitted"),
     ("rectum", "#4fb477", "42.2", "fitted"),
 ]
+# Further stacks: name, whether it is ticked, and what became of it. The demo has one volume.
+STACKS = []
 BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
 MODEL_ORGANS = [("bladder", "bladder"), ("vagina", "vagina"), ("rectum", "predict")]
@@ -276,15 +279,18 @@ def eye_icon() -> QIcon:
     return drawn_icon(paint)
 
 
-def fill_table(table, headings: list[str], rows: list[tuple], wide: int) -> None:
+def fill_table(
+    table, headings: list[str], rows: list[tuple], wide: int, least: int = LEAST_ROWS, most: int = MOST_ROWS
+) -> None:
     """Write texts into a table; the column `wide` takes what width is left."""
     table.setColumnCount(len(headings))
     table.setHorizontalHeaderLabels(headings)
     table.setRowCount(len(rows))
     table.verticalHeader().hide()
     header = table.horizontalHeader()
-    row, title = table.verticalHeader().defaultSectionSize(), header.sizeHint().height()
-    table.setFixedHeight(tableHeight(len(rows), row=row, header=title, frame=table.frameWidth()))
+    row, title = table.verticalHeader().defaultSectionSize(), header.sizeHint().height() if any(headings) else 0
+    sizes = {"row": row, "header": title, "frame": table.frameWidth()}
+    table.setFixedHeight(tableHeight(len(rows), **sizes, least=least, most=most))
     for column in range(len(headings)):
         header.setSectionResizeMode(column, QHeaderView.ResizeToContents)
     header.setSectionResizeMode(wide, QHeaderView.Stretch)
@@ -293,7 +299,28 @@ def fill_table(table, headings: list[str], rows: list[tuple], wide: int) -> None
             table.setItem(row, column, QTableWidgetItem(text))
 
 
-def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOUNDARY_POINTS, **texts: str) -> None:
+def fill_stacks(panel: QWidget, stacks: list[tuple]) -> None:
+    """List further stacks, or show no list where there are none."""
+    label, table = (panel.findChild(QWidget, name) for name in ("furtherStacksLabel", "furtherStacksTable"))
+    for widget in (label, table):
+        widget.setVisible(bool(stacks))
+    fill_table(table, ["", "", ""], [("", result, "") for _, _, result in stacks], wide=0, least=1, most=STACK_ROWS)
+    table.horizontalHeader().hide()
+    for row, (name, ticked, _) in enumerate(stacks):
+        check, align = QCheckBox(name), QToolButton()
+        check.setChecked(ticked)
+        align.setText("Align")
+        table.setCellWidget(row, 0, check)
+        table.setCellWidget(row, 2, align)
+
+
+def fill(
+    panel: QWidget,
+    organs: list[tuple] = ORGANS,
+    points: list[tuple] = BOUNDARY_POINTS,
+    stacks: list[tuple] = STACKS,
+    **texts: str,
+) -> None:
     """Show the panel as it is while organs are worked on.
 
     Parameters
@@ -301,6 +328,7 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
     panel : QWidget
     organs : list of (name, colour, volume, state)
     points : list of (position, deviation)
+    stacks : list of (name, whether it is ticked, result)
     **texts : str
         Texts of labels in place of the usual ones, by the labels' names.
     """
@@ -309,7 +337,9 @@ def fill(panel: QWidget, organs: list[tuple] = ORGANS, points: list[tuple] = BOU
             widget.finish()
     table = panel.findChild(QWidget, "organsTable")
     rows = [("", "", name, volume, state) for name, _, volume, state in organs]
-    fill_table(table, ["", "", "Organ", "Volume (ml)", "State"], rows, wide=2)
+    fill_stacks(panel, stacks)
+    most = organRows(min(len(stacks), STACK_ROWS))
+    fill_table(table, ["", "", "Organ", "Volume (ml)", "State"], rows, wide=2, most=most)
     for row, (_, color, _, _) in enumerate(organs):
         table.item(row, 0).setIcon(eye_icon())
         table.item(row, 1).setData(Qt.DecorationRole, QColor(color))

@@ -177,17 +177,30 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
             fitting.separateOrgan(organ, volumeNode)
         return organ
 
-    def fit(self, volumeNode, seeds=None, thresholds=None, *, options=None, boundaryPoints=None, onStep=None, **organ):
+    def fit(
+        self,
+        volumeNode,
+        seeds=None,
+        thresholds=None,
+        *,
+        options=None,
+        boundaryPoints=None,
+        further=(),
+        onStep=None,
+        **rest,
+    ):
         """Add an organ, separate it, and fit a surface to it.
 
         Parameters
         ----------
-        volumeNode, seeds, thresholds, **organ
+        volumeNode, seeds, thresholds, **rest
             As for :meth:`addOrgan`.
         options : VICRegistrationLib.registration.options.FitOptions, optional
             How to fit; the other parameters say how to separate.
         boundaryPoints : (n, 3) array_like, optional
             Points that the surface is to pass through, world RAS mm.
+        further : sequence of vtkMRMLScalarVolumeNode
+            Other volumes of the patient, which the surface is fitted to as well.
         onStep : callable, optional
             Called with every step.
 
@@ -203,11 +216,12 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         """
         from VICRegistrationLib.registration.organ import finish
 
-        with self._added(volumeNode, seeds, thresholds, **organ) as made:
+        with self._added(volumeNode, seeds, thresholds, **rest) as made:
             if options is not None:
                 made.setFitOptions(options)
             addPoints(boundaryPointsOf(made, volumeNode), boundaryPoints)
-            finish(fitting.fitSteps(made, volumeNode), onStep)
+            finish(fitting.fitSteps(made, volumeNode, further), onStep)
+            self.getParameterNode().furtherStacks = list(further)
         return made
 
     def refit(self, organ, boundaryPoints=None, *, onStep=None):
@@ -353,23 +367,20 @@ class VICRegistrationTest(ScriptedLoadableModuleTest):
         """A boundary point 5 mm outside of the bladder is reached within half a millimetre."""
         organ = self.logic.fit(self.volume, self.phantom.seeds["bladder"], name="bladder")
         surface = self.logic.surface(organ)
-        (u_low, u_high), (v_low, v_high) = surface.domain
-        u, v = [0.3 * u_low + 0.7 * u_high], [0.5 * v_low + 0.5 * v_high]
+        u, v = surface.midpoints(1, 1)
         deviations = self.logic.refit(organ, surface.points(u, v) + 5.0 * surface.normals(u, v))
         self.assertLess(abs(deviations[0]), 0.5)
 
     def test_sceneBundle(self):
         """A scene that is saved and loaded holds the organ bit for bit."""
-        import os
         import tempfile
 
         organ = self.logic.fit(self.volume, self.phantom.seeds["rectum"], name="rectum")
         net, threshold = self.logic.surface(organ).control_net, organ.threshold.minimum
         with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "scene.mrb")
-            self.assertTrue(slicer.util.saveScene(path))
+            self.assertTrue(slicer.util.saveScene(f"{folder}/scene.mrb"))
             slicer.mrmlScene.Clear()
-            slicer.util.loadScene(path)
+            slicer.util.loadScene(f"{folder}/scene.mrb")
         (loaded,) = self.logic.organs()
         self.assertEqual(self.logic.surface(loaded).control_net.tobytes(), net.tobytes())
         self.assertEqual((loaded.label, loaded.threshold.minimum), ("rectum", threshold))

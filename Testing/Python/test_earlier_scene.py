@@ -69,6 +69,14 @@ def test_surface_comes_back_bit_for_bit(organs, logic, name):
     assert surface.volume() / 1000.0 == pytest.approx(expected["volume_ml"])
 
 
+@pytest.mark.parametrize("name", list(EXPECTED))
+def test_there_are_no_further_stacks(organs, logic, name):
+    from VICRegistrationLib.mrml.stacks import stacksOf
+
+    assert (stacksOf(organs[name]), organs[name].contours()) == ({}, [])
+    assert list(logic.getParameterNode().furtherStacks) == []
+
+
 def test_reference_comes_back(organs, logic):
     node, segment = organs["bladder"].reference()
     assert (node.GetName(), segment) == (EXPECTED["bladder"]["reference"], "")

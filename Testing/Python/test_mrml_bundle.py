@@ -55,6 +55,8 @@ RESULTS = (
     *("label", "source", "threshold", "regionSegmentId", "state", "message", "volumeMl"),
     *("verdict", "verdictReasons"),
 )
+# Looked at in test_mrml_stacks.py.
+STACKS = ("stackVolumes", "stackRecords", "stackContours")
 
 
 @pytest.fixture
@@ -95,7 +97,7 @@ def net_and_knots(surface):
 
 def test_every_parameter_is_looked_at(logic):
     organ = logic.organs().add("organ")
-    assert {*OTHER_SETTINGS, *NODES, *RESULTS} == set(organ.allParameters)
+    assert {*OTHER_SETTINGS, *NODES, *RESULTS, *STACKS} == set(organ.allParameters)
     defaults = parameters(organ, OTHER_SETTINGS)
     assert all(defaults[name] != value for name, value in OTHER_SETTINGS.items())
 

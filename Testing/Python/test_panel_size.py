@@ -25,6 +25,11 @@ LONG = (
     "the region may have leaked through a bridge that is wider than the erosion; look at the slices, and erode more "
     * 3
 )
+STACKS = [
+    ("AX T2 tse", True, "moved 2.7 mm, 1.8°"),
+    ("COR T2 with a name that nobody would type " * 3, True, "moved 12.7 mm, 11.8°"),
+    *[("DWI", False, "left out")] * 6,
+]
 PATH = "Written: /home/" + "somebody_with_a_long_name" * 8 + "/organs.step"
 
 
@@ -62,6 +67,7 @@ def asked_widths(made, application, *, passes=6):
 CONTENTS = {
     "opening": {"organs": [], "points": []},
     "three organs": {},
+    "further stacks": {"stacks": STACKS},
     "long names": {
         "organs": [("a bladder with a name that nobody would type " * 3, "#de9942", "131.8", "fitted, not settled")]
         * 8,
@@ -97,10 +103,13 @@ def test_a_table_that_adjusts_to_its_contents_would_be_noticed(application, tmp_
     assert max(asked_widths(panel(path), application)) > WIDEST
 
 
+@pytest.mark.parametrize("stacks", [0, 1, 2, 3, 8])
 @pytest.mark.parametrize("organs", [1, 3, 6])
-def test_what_one_works_with_stands_in_600_pixels(application, organs):
+def test_what_one_works_with_stands_in_600_pixels(application, organs, stacks):
     rows = [(f"organ {number}", "#de9942", "131.8", "fitted") for number in range(organs)]
-    made = panel(organs=rows, fitStatusLabel=f"bladder: 31 iterations\nChosen: net 17x11\n{LONG[:58]}")
+    made = panel(
+        organs=rows, stacks=STACKS[:stacks], fitStatusLabel=f"bladder: 31 iterations\nChosen: net 17x11\n{LONG[:58]}"
+    )
     made.resize(420, 1000)
     made.show()
     application.processEvents()

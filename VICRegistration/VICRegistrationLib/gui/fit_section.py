@@ -74,15 +74,17 @@ class FitSection:
         ui.cancelButton.enabled = self.running
         ui.convergenceCheck.enabled = ready
 
-    def fit(self, organs, volumeNode):
+    def fit(self, organs, volumeNode, further):
         """Fit organs from their regions, one after the other.
 
         Parameters
         ----------
         organs : list of OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
+        further : list of vtkMRMLScalarVolumeNode
+            More stacks of the patient.
         """
-        self._start(volumeNode, [(organ, fitSteps(organ, volumeNode), False) for organ in organs])
+        self._start(volumeNode, [(organ, fitSteps(organ, volumeNode, further), False) for organ in organs])
 
     def refit(self, organ, volumeNode):
         """Fit an organ again from its surface, through its boundary points.

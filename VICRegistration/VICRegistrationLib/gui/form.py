@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 LEAST_ROWS, MOST_ROWS = 2, 6
+# Rows of the list of further stacks that are seen at once.
+STACK_ROWS = 3
 
 
-def tableHeight(rows, *, row, header, frame):
-    """Height of a table that shows its rows, 2 to 6 of them; more are scrolled.
+def tableHeight(rows, *, row, header, frame, least=LEAST_ROWS, most=MOST_ROWS):
+    """Height of a table that shows its rows; more than the most are scrolled.
 
     Parameters
     ----------
@@ -14,24 +16,46 @@ def tableHeight(rows, *, row, header, frame):
         Number of rows.
     row, header, frame : int
         Height of one row, height of the header, and width of the frame, pixels.
+    least, most : int
+        Rows that there is room for.
 
     Returns
     -------
     int
         Pixels.
     """
-    return header + min(max(rows, LEAST_ROWS), MOST_ROWS) * row + 2 * frame
+    return header + min(max(rows, least), most) * row + 2 * frame
 
 
-def fitHeight(table):
+def fitHeight(table, *, header=True, least=LEAST_ROWS, most=MOST_ROWS):
     """Make a table as high as its rows.
 
     Parameters
     ----------
     table : QTableWidget
+    header : bool
+        Whether its columns have titles.
+    least, most : int
+        Rows that there is room for.
     """
-    row, header = table.verticalHeader().defaultSectionSize, table.horizontalHeader().sizeHint.height()
-    table.setFixedHeight(tableHeight(table.rowCount, row=row, header=header, frame=table.frameWidth))
+    titles = table.horizontalHeader().sizeHint.height() if header else 0
+    sizes = {"row": table.verticalHeader().defaultSectionSize, "header": titles, "frame": table.frameWidth}
+    table.setFixedHeight(tableHeight(table.rowCount, **sizes, least=least, most=most))
+
+
+def organRows(stackRows):
+    """Rows of organs that are seen at once: what one works with stays within 600 pixels, further stacks included.
+
+    Parameters
+    ----------
+    stackRows : int
+        Rows of the list of further stacks.
+
+    Returns
+    -------
+    int
+    """
+    return MOST_ROWS - 1 - stackRows if stackRows else MOST_ROWS
 
 
 def showRow(visible, *widgets):

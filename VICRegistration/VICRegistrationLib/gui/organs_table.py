@@ -9,7 +9,7 @@ from slicer.i18n import tr as _
 
 from ..mrml.organ_nodes import isVisible, paint, setVisible
 from ..mrml.organs import PRESETS
-from .form import fitHeight
+from .form import MOST_ROWS, fitHeight, organRows
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
 # Square beside the state by the verdict on the surface: a background would not be seen in the row that is selected.
@@ -33,7 +33,7 @@ class OrgansTable:
     def __init__(self, ui, onAdd, onRemove, onChoose):
         self._table, self._preset = ui.organsTable, ui.presetCombo
         self._remove = ui.removeOrganButton
-        self._organs = None
+        self._organs, self._mostRows = None, MOST_ROWS
         self._onAdd, self._onChoose = onAdd, onChoose
         self._setUpTable()
         for name in PRESETS:
@@ -65,8 +65,18 @@ class OrgansTable:
                 self._select(listed.index(current))
         finally:
             self._table.blockSignals(blocked)
-        fitHeight(self._table)
+        fitHeight(self._table, most=self._mostRows)
         self._remove.enabled = current is not None
+
+    def leaveRoom(self, rows):
+        """Show fewer rows, so that another list fits under the volume; see :func:`.form.organRows`.
+
+        Parameters
+        ----------
+        rows : int
+            Of the other list.
+        """
+        self._mostRows = organRows(rows)
 
     def _setUpTable(self):
         table = self._table

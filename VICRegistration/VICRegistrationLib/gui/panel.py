@@ -22,6 +22,7 @@ from .fit_section import FitSection
 from .model_section import ModelSection
 from .organs_table import OrgansTable
 from .separate_section import SeparateSection
+from .stacks_section import StacksSection
 
 _FIT_AT_ONCE = "VICRegistration/FitAtOnce"
 
@@ -44,6 +45,7 @@ class Panel(VTKObservationMixin):
         # Parameter node of a new organ that is fitted as soon as it has a region.
         self._toFit = None
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
+        self.stacksSection = StacksSection(ui, self.refresh)
         self.separateSection = SeparateSection(ui, self._separated)
         self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
@@ -72,6 +74,7 @@ class Panel(VTKObservationMixin):
         self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
         self.modelSection.setModule(self.parameters.parameterNode)
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
+        self.stacksSection.open(self.organs)
         scene = slicer.mrmlScene
         # Before the selectors, which would choose a neighbour in their list.
         self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._nodeGoes, priority=1.0)
@@ -91,6 +94,7 @@ class Panel(VTKObservationMixin):
         for section in (self.separateSection, self.correctSection, self.compareSection):
             section.setOrgan(None, None)
         self.advancedSection.setOrgan(None)
+        self.stacksSection.close()
         self.table.show(None)
         self.parameters = self.organs = self._volumeBinding = None
         self.fitSection.refresh(ready=False)
@@ -102,6 +106,7 @@ class Panel(VTKObservationMixin):
         self.fitSection.stop()
         self.exportSection.stop()
         self.modelSection.stop()
+        self.stacksSection.stop()
         self.close()
 
     def addOrgan(self, name):
@@ -146,6 +151,8 @@ class Panel(VTKObservationMixin):
         """Show the current state of everything."""
         if self.organs is None:
             return
+        self.stacksSection.refresh(self._volume, self._organ)
+        self.table.leaveRoom(self.stacksSection.rows)
         self.table.show(self.organs)
         busy = self.fitSection.running or self.modelSection.running
         ready = self._organ is not None and self._volume is not None
@@ -160,7 +167,7 @@ class Panel(VTKObservationMixin):
 
     def _fit(self, organs):
         self.separateSection.stopPlacing()
-        self.fitSection.fit(organs, self._volume)
+        self.fitSection.fit(organs, self._volume, self.stacksSection.chosen())
 
     def _separated(self):
         """Show the region that was found, and fit a new organ to it if that is wanted."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import slicer
 from slicer.i18n import tr as _
 
+from ..messages import Diagnostic
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
 from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf, setRegionVisible
@@ -12,6 +13,8 @@ from .parameters import OrganState, RegionSource
 from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
 from .sentences import sentence
+from .stack_contours import showStackContours
+from .stacks import keepStacks, stacksOf, stacksToFit
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
 
@@ -43,13 +46,15 @@ def separateOrgan(organ, volumeNode):
     return region, warnings + _seedWarnings(organ, volumeNode, image, region)
 
 
-def fitSteps(organ, volumeNode):
+def fitSteps(organ, volumeNode, furtherStacks=()):
     """Fit an organ from its region, step by step.
 
     Parameters
     ----------
     organ : OrganParameters
     volumeNode : vtkMRMLScalarVolumeNode
+    furtherStacks : sequence of vtkMRMLScalarVolumeNode
+        Other volumes of the patient, which the surface is fitted to as well.
 
     Yields
     ------
@@ -67,10 +72,10 @@ def fitSteps(organ, volumeNode):
     """
     from ..registration.organ import fit_region
 
-    with _Bookkeeping(organ, volumeNode) as book:
+    with _Bookkeeping(organ, volumeNode, furtherStacks) as book:
         image, region = _separated(organ, volumeNode)
-        steps = fit_region(image, region, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
-        return (yield from book.followed(image, steps))
+        given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": book.stacks()}
+        return (yield from book.followed(image, fit_region(image, region, organ.options(), **given)))
 
 
 def refitSteps(organ, volumeNode):
@@ -79,6 +84,7 @@ def refitSteps(organ, volumeNode):
     Parameters
     ----------
     organ : OrganParameters
+        With the further stacks of its last fit.
     volumeNode : vtkMRMLScalarVolumeNode
 
     Yields
@@ -96,7 +102,7 @@ def refitSteps(organ, volumeNode):
     """
     from ..registration.refit import refit
 
-    with _Bookkeeping(organ, volumeNode) as book:
+    with _Bookkeeping(organ, volumeNode, stacksOf(organ)) as book:
         if organ.surface is None:
             raise ValueError(
                 _("The organ {name} has no surface yet; one is needed to correct. Fit it first.").format(
@@ -107,8 +113,9 @@ def refitSteps(organ, volumeNode):
         followVolume(organ, volumeNode)
         surface = surfaceFromModel(organ.surface, corrected=False)
         # From where earlier points have not pulled it: a point that is removed leaves nothing behind.
-        steps = refit(image, surface, organ.options(), boundary_points=_boundaryPoints(organ, volumeNode))
-        return (yield from book.followed(image, steps))
+        further = book.stacks(stacksOf(organ))
+        given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": further}
+        return (yield from book.followed(image, refit(image, surface, organ.options(), **given)))
 
 
 def boundaryDeviations(organ, volumeNode):
@@ -177,8 +184,11 @@ def canBeSeparated(organ):
 class _Bookkeeping:
     """Keeps an organ's nodes in step with a fit: what was there comes back when the fit does not come to its end."""
 
-    def __init__(self, organ, volumeNode):
+    def __init__(self, organ, volumeNode, furtherStacks):
         self.organ, self.volumeNode = organ, volumeNode
+        self._further = [node for node in furtherStacks if node is not volumeNode]
+        self._names = [node.GetName() for node in self._further]
+        self._fitted, self._leftOut = (), {}
         self.before = organ.surface.GetPolyData() if organ.surface is not None else None
         self.colored = coloredBy(organ.surface)
         self.model = None
@@ -205,6 +215,13 @@ class _Bookkeeping:
             if self.organ.surface is None:
                 self.organ.state = OrganState.FAILED
 
+    def stacks(self, records=None):
+        """Further stacks as the library takes them; the search begins where records of an earlier fit have them."""
+        self._checkStacks()
+        stacks, self._leftOut = stacksToFit(self.volumeNode, self._further, records)
+        self._fitted = tuple(stacks)
+        return tuple(stacks.values())
+
     def followed(self, image, steps):
         """Pass the steps of a fit on, as long as what it needs is there, and record its result."""
         self.model = modelOf(self.organ, self.volumeNode)
@@ -225,6 +242,11 @@ class _Bookkeeping:
         self._check(self.organ.parameterNode, *self._organ)
         self._check(self.volumeNode, *self._volume)
         self._check(self.model, *self._surface)
+        self._checkStacks()
+
+    def _checkStacks(self):
+        for node, name in zip(self._further, self._names):
+            self._check(node, _("stack {name}").format(name=name), _("Fit again without it."))
 
     def _check(self, node, what, remedy):
         if not self._isThere(node):
@@ -247,6 +269,8 @@ class _Bookkeeping:
             standardDeviation=fit.confidence.standard_deviation,
         )
         self._colorAgain()
+        keepStacks(organ, self.volumeNode, self._fitted, fit.stacks, self._leftOut)
+        showStackContours(organ, self.volumeNode)
         table, _chart = convergenceOf(organ, self.volumeNode)
         showConvergence(table, fit.history)
         boundaryDeviations(organ, self.volumeNode)
@@ -265,7 +289,7 @@ class _Bookkeeping:
                 seconds=f"{fit.seconds:.2f}",
             )
             diagnostics = fit_diagnostics(image, fit)
-            organ.message = "\n".join([result, *self._chosen(fit), *map(sentence, diagnostics)])
+            organ.message = "\n".join([result, *self._chosen(fit), *map(sentence, diagnostics), *self._notTaken()])
             verdict = verdict_of(fit, diagnostics)
             organ.verdict, organ.verdictReasons = verdict.word, "\n".join(map(sentence, verdict.reasons))
 
@@ -276,6 +300,14 @@ class _Bookkeeping:
         listed = [choice for choice in fit.choices if choice.option in automatic]
         chosen = [words[choice.option].format(value=choice.value) for choice in listed]
         return [_("Chosen: {choices}").format(choices=", ".join(chosen))] if chosen else []
+
+    def _notTaken(self):
+        """Say which stacks were not given to the library, and why."""
+        left = [
+            Diagnostic("stack_left_out", {"stack": node.GetName(), "reason": record.reason})
+            for node, record in self._leftOut.items()
+        ]
+        return list(map(sentence, left))
 
     def _colorAgain(self):
         """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""

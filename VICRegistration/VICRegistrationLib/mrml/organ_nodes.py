@@ -27,6 +27,8 @@ def paint(organ):
     """
     if organ.surface is not None and organ.surface.GetDisplayNode() is not None:
         organ.surface.GetDisplayNode().SetColor(*organ.color)
+    for contour in organ.contours():
+        contour.GetDisplayNode().SetColor(*organ.color)
     if organ.seeds is not None:
         paintPoints(organ.seeds, organ.color)
     for series in seriesOf(organ.plot) if organ.plot is not None else []:
@@ -61,7 +63,7 @@ def setVisible(organ, visible):
     organ : OrganParameters
     visible : bool
     """
-    for node in (organ.surface, organ.seeds, organ.boundaryPoints):
+    for node in (organ.surface, organ.seeds, organ.boundaryPoints, *organ.contours()):
         if node is not None and node.GetDisplayNode() is not None:
             node.GetDisplayNode().SetVisibility(visible)
     updateLegends()
@@ -215,9 +217,9 @@ def convergenceOf(organ, volumeNode):
         organ.plot = createPlot(organ.convergence, name, organ.color)
     for series in seriesOf(organ.plot):
         series.SetAndObserveTableNodeID(organ.convergence.GetID())
-        _putInFolder(series, organ, volumeNode)
-    _putInFolder(organ.plot, organ, volumeNode)
-    _putInFolder(organ.convergence, organ, volumeNode)
+        putInFolder(series, organ, volumeNode)
+    putInFolder(organ.plot, organ, volumeNode)
+    putInFolder(organ.convergence, organ, volumeNode)
     return organ.convergence, organ.plot
 
 
@@ -299,11 +301,20 @@ def _attached(node):
 def _placed(node, organ, volumeNode):
     """Put a node where its volume is: under its transform, and in the folder beside it."""
     putUnderVolume(node, volumeNode)
-    _putInFolder(node, organ, volumeNode)
+    putInFolder(node, organ, volumeNode)
     return node
 
 
-def _putInFolder(node, organ, volumeNode):
+def putInFolder(node, organ, volumeNode):
+    """Put a node into the folder of the organs of a volume.
+
+    Parameters
+    ----------
+    node : vtkMRMLNode
+        It stays where a user has put it.
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     item = hierarchy.GetItemByDataNode(node)
     if not item or _isFolder(hierarchy, hierarchy.GetItemParent(item)):

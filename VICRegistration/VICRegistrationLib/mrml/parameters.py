@@ -177,6 +177,10 @@ class OrganParameters:
     verdict: str = ""
     verdictReasons: str = ""
     volumeMl: float = 0.0
+    # Further stacks of the last fit, what became of each (mrml/stacks.py), and the contours that are shown in them.
+    stackVolumes: list[vtkMRMLScalarVolumeNode]
+    stackRecords: list[str]
+    stackContours: list[vtkMRMLModelNode]
 
     referenceKind: ReferenceKind = ReferenceKind.SEGMENT
     referenceSegmentation: Optional[vtkMRMLSegmentationNode]
@@ -303,6 +307,15 @@ class OrganParameters:
             self.referenceKind = ReferenceKind.SEGMENT
             self.referenceSegmentation, self.referenceSegmentId = node, segmentId
 
+    def contours(self):
+        """Models that show the surface in the slices of further stacks.
+
+        Returns
+        -------
+        list of vtkMRMLModelNode
+        """
+        return [node for node in self.stackContours if node is not None and node.GetDisplayNode() is not None]
+
     def ownedNodes(self):
         """Nodes that go with the organ; the segmentation is shared by all organs.
 
@@ -310,15 +323,16 @@ class OrganParameters:
         -------
         list of vtkMRMLNode
         """
-        found = [self.seeds, self.boundaryPoints, self.surface, self.convergence, self.plot]
+        found = [self.seeds, self.boundaryPoints, self.surface, self.convergence, self.plot, *self.contours()]
         return [node for node in found if node is not None]
 
 
 @parameterNodeWrapper
 class ModuleParameters:
-    """The module: the volume and its organs, in the order of the panel's table."""
+    """The module: the volume with the further stacks that are chosen, and its organs, in the order of the table."""
 
     volume: Optional[vtkMRMLScalarVolumeNode]
+    furtherStacks: list[vtkMRMLScalarVolumeNode]
     organs: list[vtkMRMLScriptedModuleNode]
     current: Optional[vtkMRMLScriptedModuleNode]
 

@@ -60,7 +60,7 @@ def imageFromVolume(volumeNode):
             ).format(name=volumeNode.GetName(), count=data.GetNumberOfScalarComponents())
         )
     try:
-        return Image(slicer.util.arrayFromVolume(volumeNode), _gridOf(volumeNode))
+        return Image(slicer.util.arrayFromVolume(volumeNode), gridOf(volumeNode))
     except ValueError as error:
         msg = f"{volumeNode.GetName()}: {error}"
         raise ValueError(msg) from error
@@ -123,7 +123,7 @@ def putUnderVolume(node, volumeNode):
     -----
     Where the transform was hardened on the volume, which then stays in its place in the world, so does the node.
     """
-    grid, parent = _gridOf(volumeNode), volumeNode.GetParentTransformNode()
+    grid, parent = gridOf(volumeNode), volumeNode.GetParentTransformNode()
     hardened = _wasHardened(volumeNode, node.GetParentTransformNode(), node.GetAttribute(_GRID))
     if hardened:
         node.HardenTransform()
@@ -139,7 +139,7 @@ def _wasHardened(volumeNode, before, remembered):
     """Whether a volume, whose grid is remembered as a text, was below a transform node and bears it itself now."""
     if before is None or before is volumeNode.GetParentTransformNode() or remembered is None:
         return False
-    old, new = np.array(remembered.split(), dtype=float).reshape(4, 4), _gridOf(volumeNode)
+    old, new = np.array(remembered.split(), dtype=float).reshape(4, 4), gridOf(volumeNode)
     if not before.IsTransformToWorldLinear():
         # The voxels were sampled anew, on another grid.
         return not np.allclose(new, old)
@@ -148,10 +148,42 @@ def _wasHardened(volumeNode, before, remembered):
     return np.allclose(new, slicer.util.arrayFromVTKMatrix(matrix) @ old, atol=1e-3) and not np.allclose(new, old)
 
 
-def _gridOf(volumeNode):
-    """Matrix from voxels to the volume's local RAS mm, (4, 4)."""
+def gridOf(volumeNode):
+    """Matrix from voxels to a volume's local RAS mm.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    (4, 4) ndarray
+    """
     matrix = vtk.vtkMatrix4x4()
     volumeNode.GetIJKToRASMatrix(matrix)
+    return slicer.util.arrayFromVTKMatrix(matrix)
+
+
+def linearRelation(source, target):
+    """Matrix that takes points from below one transform node to below another.
+
+    Parameters
+    ----------
+    source, target : vtkMRMLTransformNode or None
+        None is the world.
+
+    Returns
+    -------
+    (4, 4) ndarray or None
+        None where a transform that bends lies between them.
+    """
+    if source is target:
+        return np.eye(4)
+    one, other = (source, target) if source is not None else (target, None)
+    if not one.IsTransformToNodeLinear(other):
+        return None
+    matrix = vtk.vtkMatrix4x4()
+    slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(source, target, matrix)
     return slicer.util.arrayFromVTKMatrix(matrix)
 
 

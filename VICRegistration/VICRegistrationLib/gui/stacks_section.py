@@ -1,0 +1,237 @@
+"""The list of further stacks: which other volumes an organ is fitted to as well, and what became of each."""
+
+from __future__ import annotations
+
+import qt
+import slicer
+import vtk
+from slicer.i18n import tr as _
+from slicer.util import VTKObservationMixin
+
+from ..mrml.organ_nodes import followVolume, volumeOf
+from ..mrml.stack_contours import chooseViews, followStacks
+from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
+from .form import STACK_ROWS, fitHeight, showRow
+
+_NAME, _RESULT, _ALIGN = range(3)
+
+
+class StacksSection(VTKObservationMixin):
+    """Lists the other volumes of the scene that show the same place, to be ticked.
+
+    Parameters
+    ----------
+    ui : namespace of widgets
+        `furtherStacksLabel` and `furtherStacksTable`.
+    onChanged : callable
+        Called without arguments when volumes have come, gone or moved.
+    """
+
+    def __init__(self, ui, onChanged):
+        VTKObservationMixin.__init__(self)
+        self._label, self._table, self._onChanged = ui.furtherStacksLabel, ui.furtherStacksTable, onChanged
+        self._organs = self._own = None
+        self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
+        self._setUpTable()
+        # A volume may get its voxels after it has come into the scene.
+        self._timer = qt.QTimer()
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(0)
+        self._timer.connect("timeout()", self._volumesChanged)
+
+    @property
+    def rows(self):
+        """Number of rows that are seen."""
+        return min(len(self._listed), STACK_ROWS)
+
+    def open(self, organs):
+        """Follow the volumes and the views of the scene.
+
+        Parameters
+        ----------
+        organs : VICRegistrationLib.mrml.organs.Organs
+        """
+        self.stop()
+        self._organs = organs
+        scene = slicer.mrmlScene
+        self.addObserver(scene, scene.NodeAddedEvent, self._nodeCame)
+        self.addObserver(scene, scene.NodeRemovedEvent, self._nodeGone)
+        self._followViews()
+        self._forgetRemoved()
+
+    def close(self):
+        """List nothing; contours go on to follow what the slice views show."""
+        self._timer.stop()
+        self._moves.removeObservers()
+        self._organs = None
+        self.refresh(None, None)
+
+    def stop(self):
+        """Follow nothing any more."""
+        self.close()
+        self.removeObservers()
+
+    def chosen(self):
+        """Return the volumes that are ticked.
+
+        Returns
+        -------
+        list of vtkMRMLScalarVolumeNode
+        """
+        ticked = list(self._organs.parameters.furtherStacks) if self._organs is not None else []
+        return [node for node in self._listed if node in ticked]
+
+    def refresh(self, volumeNode, organ):
+        """List the volumes that show the same place as a volume, with what became of them in an organ's last fit.
+
+        Parameters
+        ----------
+        volumeNode : vtkMRMLScalarVolumeNode or None
+        organ : OrganParameters or None
+        """
+        self._listed = similarVolumes(volumeNode)
+        self._records = stacksOf(organ) if organ is not None else {}
+        self._own = (volumeOf(organ) if organ is not None else None) or volumeNode
+        showRow(bool(self._listed), self._label, self._table)
+        self._table.setRowCount(len(self._listed))
+        ticked = self.chosen()
+        for row, node in enumerate(self._listed):
+            self._fill(row, node, node in ticked)
+        fitHeight(self._table, header=False, least=1, most=STACK_ROWS)
+
+    def _setUpTable(self):
+        table = self._table
+        table.setColumnCount(3)
+        table.verticalHeader().setVisible(False)
+        header = table.horizontalHeader()
+        header.setVisible(False)
+        header.setSectionResizeMode(_NAME, qt.QHeaderView.Stretch)
+        for column in (_RESULT, _ALIGN):
+            header.setSectionResizeMode(column, qt.QHeaderView.ResizeToContents)
+        table.setSelectionMode(qt.QAbstractItemView.NoSelection)
+        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
+        showRow(False, self._label, table)
+
+    def _fill(self, row, node, isTicked):
+        held = self._table.item(row, _RESULT)
+        if held is None or held.data(qt.Qt.UserRole) != node.GetID():
+            held = qt.QTableWidgetItem()
+            held.setData(qt.Qt.UserRole, node.GetID())
+            self._table.setItem(row, _RESULT, held)
+            self._table.setCellWidget(row, _NAME, self._check(node))
+            self._table.setCellWidget(row, _ALIGN, self._alignButton(node))
+        check, button = (self._table.cellWidget(row, column) for column in (_NAME, _ALIGN))
+        # An ampersand would underline the next letter.
+        check.text = node.GetName().replace("&", "&&")
+        check.toolTip = _("{volume}: tick it to fit organs to this stack as well.").format(volume=node.GetName())
+        blocked = check.blockSignals(True)
+        check.checked = isTicked
+        check.blockSignals(blocked)
+        record = self._records.get(node)
+        held.setText(_short(record))
+        held.setToolTip(_long(record, node))
+        button.enabled = record is not None and canBeAligned(record, self._own, node)
+
+    def _check(self, node):
+        check, nodeId = qt.QCheckBox(), node.GetID()
+        check.connect("toggled(bool)", lambda on: self._tick(nodeId, on))
+        return check
+
+    def _alignButton(self, node):
+        button, nodeId = qt.QToolButton(), node.GetID()
+        button.text = _("Align")
+        button.toolTip = _(
+            "Make the motion that the fit of this organ found a linear transform, and put the volume under it. Views "
+            "then show both stacks in one place. The transform that the volume is under now stays above it."
+        )
+        button.connect("clicked()", lambda: self._align(nodeId))
+        return button
+
+    def _tick(self, nodeId, on):
+        node = slicer.mrmlScene.GetNodeByID(nodeId)
+        if node is None or self._organs is None:
+            return
+        others = [one for one in self._organs.parameters.furtherStacks if one is not None and one is not node]
+        self._organs.parameters.furtherStacks = [*others, node] if on else others
+
+    def _align(self, nodeId):
+        node = slicer.mrmlScene.GetNodeByID(nodeId)
+        record = self._records.get(node)
+        if record is not None and canBeAligned(record, self._own, node):
+            alignStack(record, self._own, node)
+
+    def _followViews(self):
+        for node in slicer.util.getNodesByClass("vtkMRMLSliceCompositeNode"):
+            if not self.hasObserver(node, vtk.vtkCommand.ModifiedEvent, self._viewsChanged):
+                self.addObserver(node, vtk.vtkCommand.ModifiedEvent, self._viewsChanged)
+        chooseViews()
+
+    def _viewsChanged(self, caller=None, event=None):
+        if not slicer.mrmlScene.IsClosing():
+            chooseViews()
+
+    @vtk.calldata_type(vtk.VTK_OBJECT)
+    def _nodeCame(self, caller, event, node):
+        kinds = ("vtkMRMLScalarVolumeNode", "vtkMRMLSliceCompositeNode", "vtkMRMLAbstractViewNode")
+        if any(node.IsA(kind) for kind in kinds):
+            self._timer.start()
+
+    @vtk.calldata_type(vtk.VTK_OBJECT)
+    def _nodeGone(self, caller, event, node):
+        if node.IsA("vtkMRMLScalarVolumeNode") and not slicer.mrmlScene.IsClosing():
+            self._forgetRemoved()
+            self._onChanged()
+
+    def _volumesChanged(self):
+        self._followViews()
+        self._forgetRemoved()
+        self._onChanged()
+
+    def _forgetRemoved(self):
+        """Keep nothing of volumes that were removed, and follow those that are there."""
+        self._moves.removeObservers()
+        if self._organs is None:
+            return
+        parameters = self._organs.parameters
+        kept = [node for node in parameters.furtherStacks if node is not None and node.GetScene() is not None]
+        if kept != list(parameters.furtherStacks):
+            parameters.furtherStacks = kept
+        for organ in self._organs:
+            forgetRemovedStacks(organ)
+            followStacks(organ)
+        for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
+            self._moves.addObserver(node, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._moved)
+
+    def _moved(self, caller, event=None):
+        """Let what lies in a volume follow it."""
+        for organ in self._organs or ():
+            if volumeOf(organ) is caller:
+                followVolume(organ, caller)
+            followStacks(organ)
+        self._onChanged()
+
+
+def _short(record):
+    """Say in a cell what became of a stack."""
+    if record is None:
+        return ""
+    if not record.used:
+        return _("left out")
+    return _("moved {shift} mm, {turn}°").format(shift=f"{record.shift:.1f}", turn=f"{record.turn:.1f}")
+
+
+def _long(record, node):
+    """Say in a tooltip what became of a stack."""
+    if record is None:
+        return _("The last fit of the selected organ was not given this stack.")
+    if not record.used:
+        return _("The stack {stack} was left out. {reason}").format(stack=node.GetName(), reason=record.reason)
+    return _(
+        "{stack}: used, moved {shift} mm, {turn} degrees. It shows {seen} % of the surface, with a cost of {cost}."
+    ).format(
+        stack=node.GetName(),
+        shift=f"{record.shift:.1f}",
+        turn=f"{record.turn:.1f}",
+        seen=f"{100 * record.seen:.0f}",
+        cost=f"{record.cost:.3g}",
+    )

@@ -1,0 +1,156 @@
+"""Contours of a surface in the slices of further stacks, at the position of each.
+
+A surface is where the first volume shows the organ. Each stack that it was fitted to has a model of its own: the same
+triangles, moved to where that stack shows the organ, under the stack's transform. That is seen in the slice views that
+show the stack, and the surface in all others.
+"""
+
+from __future__ import annotations
+
+import slicer
+import vtk
+from slicer.i18n import tr as _
+
+from .organ_nodes import putInFolder, removeNodes
+from .regions import TYPE_ATTRIBUTE
+from .stacks import stacksOf, toStack
+from .surfaces import createModel
+from .volumes import putUnderVolume
+
+_CONTOUR = "stack contour"
+# References of a contour.
+_STACK, _SURFACE = "VIC.stack", "VIC.surface"
+# Attribute of the display of a surface whose views are chosen here.
+_CHOSEN = "VIC.views"
+
+
+def showStackContours(organ, volumeNode):
+    """Make or move the contours of an organ's surface in the stacks of its last fit; remove those of others.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+        Whose local frame the surface is in.
+    """
+    used = {node: record for node, record in stacksOf(organ).items() if record.used}
+    held = {contour.GetNodeReference(_STACK): contour for contour in organ.contours()}
+    outdated = [contour for node, contour in held.items() if node not in used]
+    contours = []
+    for node, record in used.items():
+        contour = held.get(node) or _create(organ, node)
+        contour.SetNodeReferenceID(_SURFACE, organ.surface.GetID())
+        contour.SetAndObservePolyData(_moved(organ.surface.GetPolyData(), toStack(record, volumeNode, node)))
+        putUnderVolume(contour, node)
+        contours.append(contour)
+    if list(organ.stackContours) != contours:
+        organ.stackContours = contours
+    for contour in contours:
+        putInFolder(contour, organ, volumeNode)
+    removeNodes(outdated)
+    chooseViews()
+
+
+def followStacks(organ):
+    """Put the contours of an organ under the transforms of their stacks, and remove those whose stack was removed.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    """
+    lost = [contour for contour in organ.contours() if contour.GetNodeReference(_STACK) is None]
+    if lost:
+        organ.stackContours = [contour for contour in organ.contours() if contour not in lost]
+        removeNodes(lost)
+    for contour in organ.contours():
+        putUnderVolume(contour, contour.GetNodeReference(_STACK))
+
+
+def chooseViews():
+    """Show in each slice view the contours at the position of the stack that it shows, in place of the surface.
+
+    Where there is no other view in the scene, a surface cannot be restricted to others, and both are seen.
+    """
+    views = _viewsByVolume()
+    replaced = {}
+    for contour in _contours():
+        surface, stack = contour.GetNodeReference(_SURFACE), contour.GetNodeReference(_STACK)
+        showing = views.get(stack, []) if surface is not None and stack is not None else []
+        display = contour.GetDisplayNode()
+        _setViews(display, showing)
+        if bool(display.GetVisibility2D()) != bool(showing):
+            display.SetVisibility2D(bool(showing))
+        if surface is not None:
+            replaced.setdefault(surface, []).extend(showing)
+    for surface in slicer.util.getNodesByClass("vtkMRMLModelNode"):
+        display = surface.GetDisplayNode()
+        if display is None or (surface not in replaced and display.GetAttribute(_CHOSEN) is None):
+            continue
+        without = replaced.get(surface, [])
+        if not without and display.GetAttribute(_CHOSEN) is None:
+            continue
+        _setViews(display, [view for view in _allViews() if view not in without] if without else [])
+        display.SetAttribute(_CHOSEN, "1" if without else None)
+
+
+def _create(organ, stackNode):
+    name = _("{organ} in {volume}").format(organ=organ.label, volume=stackNode.GetName())
+    contour = createModel(name, organ.color)
+    contour.SetAttribute(TYPE_ATTRIBUTE, _CONTOUR)
+    contour.SetNodeReferenceID(_STACK, stackNode.GetID())
+    display = contour.GetDisplayNode()
+    display.SetVisibility3D(False)
+    surface = organ.surface.GetDisplayNode()
+    if surface is not None:
+        display.SetVisibility(surface.GetVisibility())
+    return contour
+
+
+def _moved(polydata, matrix):
+    """Triangles moved by a matrix (4, 4), with nothing of what belongs to the surface itself."""
+    bare = vtk.vtkPolyData()
+    bare.SetPoints(polydata.GetPoints())
+    bare.SetPolys(polydata.GetPolys())
+    transform = vtk.vtkTransform()
+    transform.SetMatrix(slicer.util.vtkMatrixFromArray(matrix))
+    moving = vtk.vtkTransformPolyDataFilter()
+    moving.SetTransform(transform)
+    moving.SetInputData(bare)
+    moving.Update()
+    return moving.GetOutput()
+
+
+def _contours():
+    found = []
+    for node in slicer.util.getNodesByClass("vtkMRMLModelNode"):
+        if node.GetAttribute(TYPE_ATTRIBUTE) == _CONTOUR and node.GetDisplayNode() is not None:
+            found.append(node)
+    return found
+
+
+def _viewsByVolume():
+    """IDs of the slice views that show each volume in their background."""
+    ids = {node.GetLayoutName(): node.GetID() for node in slicer.util.getNodesByClass("vtkMRMLSliceNode")}
+    found = {}
+    for composite in slicer.util.getNodesByClass("vtkMRMLSliceCompositeNode"):
+        volumeId = composite.GetBackgroundVolumeID()
+        volume = slicer.mrmlScene.GetNodeByID(volumeId) if volumeId else None
+        if volume is not None and composite.GetLayoutName() in ids:
+            found.setdefault(volume, []).append(ids[composite.GetLayoutName()])
+    return found
+
+
+def _allViews():
+    """IDs of the views that show models."""
+    kinds = ("vtkMRMLSliceNode", "vtkMRMLViewNode")
+    return [node.GetID() for kind in kinds for node in slicer.util.getNodesByClass(kind)]
+
+
+def _setViews(display, views):
+    """Restrict a display to views; none are all."""
+    if sorted(display.GetViewNodeIDs()) == sorted(views):
+        return
+    with slicer.util.NodeModify(display):
+        display.RemoveAllViewNodeIDs()
+        for view in views:
+            display.AddViewNodeID(view)

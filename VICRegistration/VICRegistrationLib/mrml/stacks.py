@@ -1,0 +1,304 @@
+"""Further stacks of a patient: other volumes of the scene that an organ is fitted to as well.
+
+The motion between two stacks belongs to the organ and the stack, and is kept with the organ. It is kept from voxels to
+voxels: so it stays right whatever transform a volume is put under later, or bears itself.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import slicer
+from slicer.i18n import tr as _
+
+from .sentences import sentence
+from .volumes import gridOf, imageFromVolume, linearRelation
+
+# Reference of the transform nodes that are made here to their volume.
+_MOVED = "VIC.moved"
+# A motion counts as rigid if its columns are orthonormal within this; what is stored is so within 1e-12.
+_RIGID = 1e-4
+# A stack whose voxels lie this close to where they belong, mm, is aligned: less than is seen of it.
+_ALIGNED_MM = 0.01
+
+
+@dataclass(frozen=True)
+class StackRecord:
+    """What became of a further stack in an organ's last fit.
+
+    Parameters
+    ----------
+    used : bool
+    reason : str
+        Why it was not used; else empty.
+    shift : float
+        How far the organ's centre is displaced from where the scene shows it, mm.
+    turn : float
+        Angle that it is rotated by, degrees.
+    seen : float
+        Share of the surface's area that lies in the stack, 0 to 1.
+    cost : float
+        Mean squared residual in this stack, in units of its squared contrast.
+    motion : list of 16 float
+        From voxels (i, j, k) of the organ's volume to those of the stack that show the same place, row by row; empty if
+        it was not looked for.
+    """
+
+    used: bool
+    reason: str = ""
+    shift: float = 0.0
+    turn: float = 0.0
+    seen: float = 0.0
+    cost: float = 0.0
+    motion: tuple = ()
+
+    @property
+    def matrix(self):
+        """The motion as (4, 4) ndarray, or None."""
+        return np.reshape(self.motion, (4, 4)) if len(self.motion) == 16 else None
+
+
+def similarVolumes(volumeNode):
+    """Other volumes of the scene that show the same place: their bounds overlap with those of a volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode or None
+
+    Returns
+    -------
+    list of vtkMRMLScalarVolumeNode
+        Without label maps.
+    """
+    if volumeNode is None:
+        return []
+    low, high = _bounds(volumeNode)
+    found = []
+    for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
+        if node is volumeNode or node.GetClassName() != "vtkMRMLScalarVolumeNode":
+            continue
+        otherLow, otherHigh = _bounds(node)
+        if np.all(np.minimum(high, otherHigh) > np.maximum(low, otherLow)):
+            found.append(node)
+    return found
+
+
+def stacksToFit(volumeNode, stackNodes, records=None):
+    """Take volumes as further stacks of a fit, in the local frame of the first volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+        Whose organ is fitted.
+    stackNodes : sequence of vtkMRMLScalarVolumeNode
+    records : dict of vtkMRMLScalarVolumeNode to StackRecord, optional
+        Of an earlier fit: the motions that it found are where the search begins.
+
+    Returns
+    -------
+    stacks : dict of vtkMRMLScalarVolumeNode to VICRegistrationLib.registration.stacks.Stack
+    leftOut : dict of vtkMRMLScalarVolumeNode to StackRecord
+        Those that cannot be taken, with the reason.
+    """
+    from ..imaging.image import Image
+    from ..registration.stacks import Stack
+
+    stacks, leftOut = {}, {}
+    for node in stackNodes:
+        try:
+            grid, array = _gridBeside(volumeNode, node), imageFromVolume(node).array
+        except ValueError as error:
+            leftOut[node] = StackRecord(False, str(error))
+            continue
+        record = (records or {}).get(node)
+        stacks[node] = Stack(Image(array, grid), node.GetName(), _startOf(record, volumeNode, grid))
+    return stacks, leftOut
+
+
+def keepStacks(organ, volumeNode, stackNodes, uses, leftOut):
+    """Keep with an organ what became of its further stacks.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+    stackNodes : sequence of vtkMRMLScalarVolumeNode
+        Those that were fitted to, in the order of `uses`.
+    uses : sequence of VICRegistrationLib.registration.stacks.StackUse
+    leftOut : dict of vtkMRMLScalarVolumeNode to StackRecord
+    """
+    records = {node: _recordOf(use, volumeNode) for node, use in zip(stackNodes, uses)}
+    _store(organ, {**records, **leftOut})
+
+
+def stacksOf(organ):
+    """Return what became of the further stacks in an organ's last fit.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+
+    Returns
+    -------
+    dict of vtkMRMLScalarVolumeNode to StackRecord
+        Of those volumes that are still in the scene.
+    """
+    found = {}
+    for node, text in zip(organ.stackVolumes, organ.stackRecords):
+        if node is not None and node.GetScene() is not None:
+            found[node] = StackRecord(**json.loads(text))
+    return found
+
+
+def forgetRemovedStacks(organ):
+    """Keep nothing of further stacks that were removed from the scene.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    """
+    kept = stacksOf(organ)
+    if len(kept) != len(organ.stackRecords):
+        _store(organ, kept)
+
+
+def toStack(record, volumeNode, stackNode):
+    """Where a stack shows places of the organ's volume.
+
+    Parameters
+    ----------
+    record : StackRecord
+    volumeNode, stackNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    (4, 4) ndarray
+        From the local RAS mm of the volume to that of the stack.
+    """
+    return gridOf(stackNode) @ record.matrix @ np.linalg.inv(gridOf(volumeNode))
+
+
+def canBeAligned(record, volumeNode, stackNode):
+    """Whether the scene shows a stack elsewhere than the organ's volume, by a motion that a linear transform can undo.
+
+    Parameters
+    ----------
+    record : StackRecord
+    volumeNode, stackNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    bool
+        False where the stack was not used.
+    """
+    relation = linearRelation(volumeNode.GetParentTransformNode(), stackNode.GetParentTransformNode())
+    if not record.used or relation is None:
+        return False
+    corners = _corners(stackNode)
+    moved = relation @ np.linalg.inv(toStack(record, volumeNode, stackNode))
+    return bool(np.abs(corners @ moved[:3, :3].T + moved[:3, 3] - corners).max() > _ALIGNED_MM)
+
+
+def alignStack(record, volumeNode, stackNode):
+    """Make the motion of a stack a transform node, and put the stack under it: the organ is then in one place.
+
+    Parameters
+    ----------
+    record : StackRecord
+        With a motion.
+    volumeNode, stackNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    vtkMRMLLinearTransformNode
+        Below the transform that the stack was under. One that was made here before is changed.
+
+    Raises
+    ------
+    ValueError
+        If a transform that bends lies between the two volumes.
+    """
+    made = stackNode.GetParentTransformNode()
+    reused = made is not None and made.GetNodeReference(_MOVED) is stackNode
+    above = made.GetParentTransformNode() if reused else made
+    relation = linearRelation(volumeNode.GetParentTransformNode(), above)
+    if relation is None:
+        raise ValueError(_bent(volumeNode, stackNode))
+    matrix = relation @ np.linalg.inv(toStack(record, volumeNode, stackNode))
+    if not reused:
+        name = slicer.mrmlScene.GenerateUniqueName(_("{volume} motion").format(volume=stackNode.GetName()))
+        made = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", name)
+        made.SetNodeReferenceID(_MOVED, stackNode.GetID())
+        made.SetAndObserveTransformNodeID(above.GetID() if above is not None else None)
+    made.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(matrix))
+    stackNode.SetAndObserveTransformNodeID(made.GetID())
+    return made
+
+
+def _gridBeside(volumeNode, stackNode):
+    """Matrix from voxels of a stack to the local RAS mm of another volume, as the scene shows both."""
+    relation = linearRelation(volumeNode.GetParentTransformNode(), stackNode.GetParentTransformNode())
+    if relation is None:
+        raise ValueError(_bent(volumeNode, stackNode))
+    return np.linalg.inv(relation) @ gridOf(stackNode)
+
+
+def _bent(volumeNode, stackNode):
+    return _(
+        "A transform that bends lies between {stack} and {volume}; their places need to differ by a linear one. Harden "
+        "it on the volume, or remove it."
+    ).format(stack=stackNode.GetName(), volume=volumeNode.GetName())
+
+
+def _startOf(record, volumeNode, grid):
+    """Motion (4, 4) that an earlier fit has found, as the scene shows both volumes now; none where it is not rigid."""
+    if record is None or record.matrix is None or not record.used:
+        return np.eye(4)
+    moved = grid @ record.matrix @ np.linalg.inv(gridOf(volumeNode))
+    rotation = moved[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > _RIGID or np.linalg.det(rotation) < 0.0:
+        # Somebody has stretched one of them since.
+        return np.eye(4)
+    start = np.eye(4)
+    start[:3] = moved[:3]
+    return start
+
+
+def _recordOf(use, volumeNode):
+    motion = np.linalg.inv(use.image.ijk_to_ras) @ use.motion @ gridOf(volumeNode)
+    return StackRecord(
+        used=bool(use.used),
+        reason=sentence(use.reason) if use.reason is not None else "",
+        shift=float(np.linalg.norm(use.translation_mm)),
+        turn=float(use.rotation_degrees),
+        seen=float(use.seen),
+        # JSON knows no infinity.
+        cost=float(use.cost) if np.isfinite(use.cost) else -1.0,
+        motion=tuple(motion.ravel().tolist()),
+    )
+
+
+def _store(organ, records):
+    texts = [json.dumps(asdict(record)) for record in records.values()]
+    if list(organ.stackVolumes) == list(records) and list(organ.stackRecords) == texts:
+        return
+    with slicer.util.NodeModify(organ.parameterNode):
+        organ.stackVolumes, organ.stackRecords = list(records), texts
+
+
+def _corners(volumeNode):
+    """Corners of a volume's grid in its local RAS mm, (8, 3)."""
+    data = volumeNode.GetImageData()
+    size = np.array(data.GetDimensions() if data is not None else (1, 1, 1)) - 1.0
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3) * size
+    grid = gridOf(volumeNode)
+    return corners @ grid[:3, :3].T + grid[:3, 3]
+
+
+def _bounds(volumeNode):
+    """Lowest and highest corner of a volume in the world, RAS mm; the lowest is above the highest without voxels."""
+    bounds = [0.0] * 6
+    volumeNode.GetRASBounds(bounds)
+    return np.array(bounds[::2]), np.array(bounds[1::2])
