@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-# Segments that are compared with all triangles at a time.
-_BLOCK = 200
+# Edges that are compared with the triangles near them at a time.
+_BLOCK = 50
 
 
 def crossing(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
@@ -28,18 +28,28 @@ def crossing(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     """
     for edges_of, through in ((first, second), (second, first)):
         edges = np.unique(np.sort(edges_of[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-        low, high = points[through].min(axis=(0, 1)), points[through].max(axis=(0, 1))
-        ends = points[edges]
-        edges = edges[((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high)).all(axis=1)]
+        edges = _meeting(points, edges, through)
         for start in range(0, len(edges), _BLOCK):
-            found = _passing(points, edges[start : start + _BLOCK], through)
+            some = edges[start : start + _BLOCK]
+            found = _passing(points, some, _meeting(points, through, some))
             if found is not None:
                 return found
     return None
 
 
+def _meeting(points: np.ndarray, cells: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the cells whose box meets the box around all the others."""
+    if not len(others):
+        return cells[:0]
+    low, high = points[others].min(axis=(0, 1)), points[others].max(axis=(0, 1))
+    corners = points[cells]
+    return cells[((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)]
+
+
 def _passing(points: np.ndarray, edges: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
     """Find a point in which one of the edges passes through one of the triangles."""
+    if not len(triangles):
+        return None
     begin, way = points[edges[:, 0]][:, None], (points[edges[:, 1]] - points[edges[:, 0]])[:, None]
     corner = points[triangles[:, 0]]
     a, b = points[triangles[:, 1]] - corner, points[triangles[:, 2]] - corner
