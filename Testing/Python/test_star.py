@@ -55,8 +55,19 @@ def test_radii_follow_the_costs_but_not_a_single_ray_that_has_escaped():
     costs = np.zeros((len(sphere().directions), 40))
     costs[:, 20] = -1.0
     costs[7, 20], costs[7, 38] = 0.0, -1.0
-    radii = cheapest_radii(costs, ratio=1.05, stiffness=0.15, most=9)
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, stiffness=0.15, most=9)
     assert set(radii.tolist()) == {20}
+
+
+def test_a_side_without_any_edge_gets_the_radius_of_the_others():
+    costs = np.zeros((len(sphere().directions), 80))
+    seen = sphere().directions[:, 0] < 0.3
+    costs[seen, 60] = -1.0
+    # An inner sheet of less depth ends half way round.
+    costs[sphere().directions[:, 0] < -0.3, 30] = -0.7
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, stiffness=0.15, most=9)
+    assert set(radii[seen].tolist()) == {60}
+    assert np.abs(radii[~seen] - 60).max() <= 1
 
 
 @pytest.mark.parametrize("seed", [(0.0, 0.0, 0.0), (14.0, 5.0, 0.0), (0.0, -11.0, 11.0)])
@@ -94,6 +105,18 @@ def test_a_dim_patch_under_the_click_is_not_the_organ(ball):
     dimmed = Image(image.array - 70.0 * patch * truth, image.ijk_to_ras)
     region = separate(dimmed, [-6.0, 0.0, 3.0])
     assert dice(region, truth) > 0.97
+
+
+def test_a_dark_band_at_the_wall_with_fat_behind_it_belongs_to_the_organ(ball):
+    """The signal falls off gradually towards the wall, where no edge is left but the rise to the fat behind."""
+    image, truth = ball
+    radius = np.linalg.norm(places(), axis=0)
+    off_axis = np.arccos(np.clip(places()[2] / np.maximum(radius, 1e-9), -1.0, 1.0))
+    dark = np.exp(-((off_axis / 0.6) ** 2)) / (1.0 + np.exp(-(radius - 11.0) / 2.0))
+    dimmed = Image(np.where(radius < RADIUS, image.array * (1.0 - 0.8 * dark), image.array), image.ijk_to_ras)
+    star = find_star(dimmed, np.zeros(3))
+    np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), RADIUS, atol=2.5)
+    assert dice(separate(dimmed, [0.0, 0.0, 0.0]), truth) > 0.97
 
 
 def test_a_lobe_behind_a_bridge_is_cut(ball):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from ..imaging.boxes import bounds
 from ..imaging.image import Image
@@ -14,17 +13,15 @@ from ..imaging.morphology import dilate, erode
 from ..imaging.region import Region, region_from_crop
 from .limits import Limits
 from .ray_edges import Edges
-from .star_surface import Star
+from .star_surface import Star, between
 
-# Voxels as near to the surface as this share of the radius, and so much more, belong to the organ by their grey level;
-# deeper ones do, and those farther out do not.
-_SHELL_SHARE, _SHELL_MM = 0.05, 1.5
+# Voxels as near to the surface as this, mm, belong to the organ by their grey level; deeper ones do, and those farther
+# out do not.
+_SHELL_MM = 3.0
 # Thin lobes in the shell are cut by an opening with a ball of this radius.
 OPENING_MM = 2.0
-# Where the volume ends, the organ goes on.
-_BEYOND, _BEYOND_MM = 1.15, 2.0
-# Between directions the radius is the weighted mean of so many; it is computed on a lattice and interpolated.
-_DIRECTIONS, _LATTICE_MM = 4, 3.0
+# The radius is computed on a lattice and interpolated.
+_LATTICE_MM = 3.0
 
 
 def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None:
@@ -87,9 +84,8 @@ def _one_sided(limits: Limits, star: Star) -> Limits:
 
 def _box(image: Image, star: Star) -> tuple[np.ndarray, np.ndarray]:
     """First and last voxel of a box around the shell and one voxel more."""
-    margin = _SHELL_SHARE * star.lengths.max() + _SHELL_MM
     ends = image.to_ijk(star.points)[:, ::-1]
-    room = margin / image.spacing[::-1] + 2.0
+    room = _SHELL_MM / image.spacing[::-1] + 2.0
     start = np.floor(ends.min(axis=0) - room).astype(int)
     stop = np.ceil(ends.max(axis=0) + room).astype(int) + 1
     return np.maximum(start, 0), np.minimum(stop, image.array.shape)
@@ -97,17 +93,13 @@ def _box(image: Image, star: Star) -> tuple[np.ndarray, np.ndarray]:
 
 def _inward(crop: Image, star: Star) -> np.ndarray:
     """How far inside of the surface the voxels lie, in widths of the shell."""
-    lengths = np.where(star.cut, _BEYOND * star.lengths + _BEYOND_MM, star.lengths)
     counts = np.maximum(np.ceil(crop.size * crop.spacing / _LATTICE_MM).astype(int), 2)
     k, j, i = np.indices(counts[::-1])
     nodes = np.stack([i, j, k], axis=-1) * (crop.size - 1.0) / (counts - 1.0)
     away = crop.to_ras(nodes.reshape(-1, 3)) - star.center
     distances = np.linalg.norm(away, axis=1)
-    gaps, near = cKDTree(star.directions).query(away / np.maximum(distances, 1e-9)[:, None], k=_DIRECTIONS)
-    # Finite at a direction itself.
-    weights = 1.0 / (gaps**2 + 1e-4)
-    radii = np.einsum("nd,nd->n", lengths[near], weights) / weights.sum(axis=1)
-    inward = ((radii - distances) / (_SHELL_SHARE * radii + _SHELL_MM)).reshape(counts[::-1])
+    radii = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
+    inward = ((radii - distances) / _SHELL_MM).reshape(counts[::-1])
     return ndimage.zoom(inward.astype(np.float32), crop.size[::-1] / counts[::-1], order=1, grid_mode=False)
 
 

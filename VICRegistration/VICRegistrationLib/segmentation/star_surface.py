@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
@@ -22,20 +23,25 @@ _STEP_MM, _LONGEST_MM = 0.75, 100.0
 _SHORTEST_MM, _RATIO, _MOST_APART = 2.0, 1.05, 9
 # Single voxels of noise are averaged over this length.
 _BLUR_MM = 0.5
-# An edge is the step between the means over samples before and behind; what the level has changed before it, by half,
-# is shading and no edge.
-_BEFORE, _BEHIND, _EARLIER = (-3, -1), (1, 2), (-8, -5)
+# An edge is the step between the means over samples before and behind. What the level falls farther before and behind
+# it is shading: half of that is no edge.
+_BEFORE, _BEHIND, _EARLIER, _LATER = (-3, -1), (1, 2), (-8, -5), (5, 8)
 _SHADING = 0.5
 # A step of this share of the contrast counts three quarters.
 STEP_SHARE = 0.4
 # Change of the grey level from sample to sample that is shading, in shares of the contrast, or noise.
 _SLOW, _NOISE = 0.06, 2.0
-# Weights of what was crossed before, where a full edge weighs 1, of slopes of 45 degrees, and of the volume's end.
-_CROSSED, _STIFFNESS, _END = 0.5, 0.15, 0.5
+# Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
+# to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1.
+_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.5
 # The first look is from the place given, the others from the middle of what was seen.
 _LOOKS = 3
+# A last look follows more directions, near the surface that was found: so many samples to either side.
+_FINE, _NEAR = 5, 10
 # Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
 _DEPTH = 5
+# Between directions a value is the weighted mean of those at so many.
+_NEAREST = 4
 # What strengths of an edge mean: one is there.
 AN_EDGE = 0.46
 
@@ -108,14 +114,37 @@ def find_star(image: Image, seed: np.ndarray) -> Star:
 
     Notes
     -----
-    Along each ray, a step of the grey level lowers the cost where it is sharp, and all sharp changes that the ray has
-    crossed before raise it. Whether the level falls or rises at an organ's edge is what costs less.
+    Along each ray, a step of the grey level lowers the cost where it is sharp, and what the ray has crossed before
+    raises it: sharp changes, and any rise (of an organ brighter than its wall; a fall of another). Whether the level
+    falls or rises at an organ's edge is what costs less. A last look at more directions follows details.
     """
     sampler = Sampler(_around(image, seed))
     axes = image.ijk_to_ras[:3, :3] / image.spacing
     star = min((_found(image, sampler, axes, seed, sign) for sign in (1.0, -1.0)), key=lambda found: found.cost)
+    star = _look_closely(sampler, axes, star)
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     return replace(star, inner=star.inner + level, outer=star.outer + level)
+
+
+def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Interpolate values given for directions to other ones: weighted means of the nearest few.
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, 3)
+        Unit vectors.
+    values : ndarray, shape (n,)
+    others : ndarray, shape (m, 3)
+        Unit vectors.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+    """
+    gaps, near = cKDTree(directions).query(others, k=_NEAREST)
+    # Finite at a direction itself.
+    weights = 1.0 / (gaps**2 + 1e-4)
+    return np.einsum("nd,nd->n", values[near], weights) / weights.sum(axis=1)
 
 
 def blurred(image: Image) -> np.ndarray:
@@ -143,42 +172,84 @@ def _found(image: Image, sampler: Sampler, axes: np.ndarray, seed: np.ndarray, s
 
 
 def _look(sampler: Sampler, axes: np.ndarray, center: np.ndarray, sign: float) -> Star:
-    """Look once, from a place."""
+    """Look once, from a place, at all radii."""
     radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
-    directions = sphere().directions @ axes.T
-    levels, valid = sampler.values(center + directions[:, None] * radii[:, None])
-    valid = np.logical_and.accumulate(valid, axis=1)
-    last = np.maximum(valid.sum(axis=1) - 1, 0)
-    # Beyond the volume nothing changes any more.
-    levels = np.take_along_axis(levels.astype(float), np.minimum(np.arange(len(radii)), last[:, None]), axis=1)
-    contrast = contrast_of(levels, valid, radii)
-    crossed = _crossed(levels, valid, contrast)
-    end = _CROSSED * np.take_along_axis(crossed, last[:, None], axis=1) - _END
-    rays = np.arange(len(levels))
-    strengths = _strengths(sign * levels, contrast)
-    costs = np.where(valid, _CROSSED * crossed - strengths, end)
-    places = _chosen(costs, radii)
-    depths = np.minimum(places[:, None] + np.arange(_DEPTH), levels.shape[1] - 1)
-    return Star(
-        center=center,
-        directions=directions,
-        lengths=radii[places],
-        strengths=strengths[rays, places],
-        cut=~valid[rays, places],
-        inner=_means(levels, *_BEFORE)[rays, places],
-        outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
-        contrast=contrast,
-        falls=sign > 0.0,
-        cost=float(costs[rays, places].mean()),
-    )
+    rays = _Rays.seen(sampler, center, sphere().directions @ axes.T, np.tile(radii, (len(sphere().directions), 1)))
+    costs, strengths = rays.costs(sign)
+    return rays.star(sign, _chosen(costs, radii), costs, strengths)
+
+
+def _look_closely(sampler: Sampler, axes: np.ndarray, star: Star) -> Star:
+    """Look at more directions, near a surface that was found."""
+    ball, sign = sphere(_FINE), 1.0 if star.falls else -1.0
+    directions = ball.directions @ axes.T
+    lengths = between(star.directions, star.lengths, directions)
+    inner = int(np.ceil(lengths.max() / _STEP_MM))
+    steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
+    rays = _Rays.seen(sampler, star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
+    costs, strengths = rays.costs(sign)
+    near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
+    slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
+    places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
+    return rays.star(sign, places, costs, strengths)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """Grey levels along rays from a place: radii, levels and where they are in the volume, each (n, m)."""
+
+    center: np.ndarray
+    directions: np.ndarray
+    radii: np.ndarray
+    levels: np.ndarray
+    valid: np.ndarray
+
+    @classmethod
+    def seen(cls, sampler: Sampler, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
+        """Look along rays. Beyond the volume nothing changes any more."""
+        levels, valid = sampler.values(center + directions[:, None] * radii[..., None])
+        valid = np.logical_and.accumulate(valid, axis=1)
+        last = np.maximum(valid.sum(axis=1) - 1, 0)[:, None]
+        levels = np.take_along_axis(levels.astype(float), np.minimum(np.arange(radii.shape[1]), last), axis=1)
+        return cls(center, directions, radii, levels, valid)
+
+    @cached_property
+    def contrast(self) -> float:
+        """Unit of the steps."""
+        return contrast_of(self.levels, self.valid, self.radii)
+
+    def costs(self, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        """Cost of every sample, and how much of an edge there is; the level falls at it (sign 1) or rises (-1)."""
+        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast)
+        crossed = crossed + _RISEN * _risen(sign * self.levels, self.contrast)
+        strengths = _strengths(sign * self.levels, self.contrast)
+        last = np.maximum(self.valid.sum(axis=1) - 1, 0)[:, None]
+        end = np.take_along_axis(crossed, last, axis=1) - _END
+        return np.where(self.valid, crossed - strengths, end), strengths
+
+    def star(self, sign: float, places: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
+        """Make a star of the sample that was chosen on each ray."""
+        rays, levels = np.arange(len(places)), self.levels
+        depths = np.minimum(places[:, None] + np.arange(_DEPTH), levels.shape[1] - 1)
+        return Star(
+            center=self.center,
+            directions=self.directions,
+            lengths=self.radii[rays, places],
+            strengths=strengths[rays, places],
+            cut=~self.valid[rays, places],
+            inner=_means(levels, *_BEFORE)[rays, places],
+            outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
+            contrast=self.contrast,
+            falls=sign > 0.0,
+            cost=float(costs[rays, places].mean()),
+        )
 
 
 def _strengths(levels: np.ndarray, contrast: float) -> np.ndarray:
     """How much of an edge there is at every sample where levels fall, from 0 to 1."""
-    before = _means(levels, *_BEFORE)
-    shading = np.maximum(_means(levels, *_EARLIER) - before, 0.0)
-    fall = before - _means(levels, *_BEHIND) - _SHADING * shading
-    return np.maximum(np.tanh(fall / (STEP_SHARE * contrast)), 0.0)
+    before, behind = _means(levels, *_BEFORE), _means(levels, *_BEHIND)
+    shading = np.maximum(_means(levels, *_EARLIER) - before, 0.0) + np.maximum(behind - _means(levels, *_LATER), 0.0)
+    return np.maximum(np.tanh((before - behind - _SHADING * shading) / (STEP_SHARE * contrast)), 0.0)
 
 
 def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float) -> np.ndarray:
@@ -187,6 +258,13 @@ def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float) -> np.ndarr
     slow = max(_SLOW * contrast, _NOISE * noise_of(changes[valid]))
     sums = np.cumsum(np.maximum(changes - slow, 0.0), axis=1) / contrast
     return np.pad(sums, ((0, 0), (_BEHIND[1], 0)))[:, : levels.shape[1]]
+
+
+def _risen(levels: np.ndarray, contrast: float) -> np.ndarray:
+    """How far levels have risen at most on the way to each sample, in units of the contrast."""
+    levels = _means(levels, -1, 1)
+    risen = np.maximum.accumulate(levels - np.minimum.accumulate(levels, axis=1), axis=1) / contrast
+    return np.pad(risen, ((0, 0), (_BEHIND[1], 0)))[:, : levels.shape[1]]
 
 
 def _means(levels: np.ndarray, first: int, last: int) -> np.ndarray:
@@ -210,5 +288,6 @@ def _chosen(costs: np.ndarray, radii: np.ndarray) -> np.ndarray:
             samples = np.array([np.abs(radii - radius).argmin()])
         places[:, number] = samples[costs[:, samples].argmin(axis=1)]
         lowest[:, number] = costs[:, samples].min(axis=1)
-    best = cheapest_radii(lowest, ratio=_RATIO, stiffness=_STIFFNESS, most=_MOST_APART)
+    slopes = np.log(_RATIO) / sphere().angles
+    best = cheapest_radii(sphere(), lowest, slopes, stiffness=_STIFFNESS, most=_MOST_APART)
     return places[np.arange(len(costs)), best].astype(int)
