@@ -120,6 +120,26 @@ def test_a_refit_takes_the_stacks_of_the_fit(logic, stacks, kept):
     assert again.shift == pytest.approx(first.shift, abs=0.3)
 
 
+@pytest.mark.parametrize("aligned", [False, True])
+def test_a_boundary_point_belongs_to_the_stack_in_whose_view_it_is_placed(logic, stacks, kept, aligned):
+    organ = fit(logic, stacks, stacks["AX"])
+    record = kept.stacksOf(organ)[stacks["AX"]]
+    # Five millimetres outside of the wall that the axial stack shows.
+    wall = (MOTION @ [*(CENTER + [18.0, 0.0, 0.0]), 1])[:3]
+    if aligned:
+        kept.alignStack(record, stacks["SAG"], stacks["AX"])
+        wall = (slicer.util.arrayFromTransformMatrix(stacks["AX"].GetParentTransformNode()) @ [*wall, 1])[:3]
+    organ.boundaryPoints.AddControlPointWorld(*wall)
+    organ.boundaryPoints.SetNthControlPointAssociatedNodeID(0, stacks["AX"].GetID())
+    np.testing.assert_allclose(kept.wallPoints(organ, stacks["SAG"]), [CENTER + [18.0, 0.0, 0.0]], atol=CLOSE)
+    (deviation,) = logic.refit(organ)
+    assert abs(deviation) < 0.5
+    assert abs(closest_points(logic.surface(organ), np.array([CENTER + [18.0, 0.0, 0.0]])).distances[0]) < 1.0
+    # One that was placed where the volume itself is shown lies where it lies.
+    organ.boundaryPoints.SetNthControlPointAssociatedNodeID(0, stacks["SAG"].GetID())
+    np.testing.assert_allclose(kept.wallPoints(organ, stacks["SAG"]), [wall], atol=1e-6)
+
+
 @pytest.mark.parametrize("how", ["below a transform", "hardened later"])
 def test_a_stack_is_where_the_scene_shows_it(logic, stacks, kept, how):
     # Somebody has registered the axial stack: it moves no more.

@@ -16,6 +16,8 @@ _FOCUSED = "VIC.focused"
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
 # Stages of a fit with a given net, and of one that goes on to the finest net.
 _STAGES, _STAGES_OF_ALL_NETS = 4, 10
+# More of them with further stacks: coarse with all of them, and fine with their motions found again.
+_STAGES_OF_STACKS = 2
 
 
 class FitSection:
@@ -36,7 +38,7 @@ class FitSection:
         self._ui, self._onChanged = ui, onChanged
         self._queue, self._runner, self._organ, self._volume = [], None, None, None
         self._message = MessageLabel(ui.fitStatusLabel)
-        self._isNew = False
+        self._isNew, self._moreStages = False, 0
         self._progress = self._plotView = self._shown = None
         ui.fitButton.connect("clicked()", onFit)
         ui.fitAllButton.connect("clicked()", onFitAll)
@@ -84,6 +86,7 @@ class FitSection:
         further : list of vtkMRMLScalarVolumeNode
             More stacks of the patient.
         """
+        self._moreStages = _STAGES_OF_STACKS if further else 0
         self._start(volumeNode, [(organ, fitSteps(organ, volumeNode, further), False) for organ in organs])
 
     def refit(self, organ, volumeNode):
@@ -94,6 +97,7 @@ class FitSection:
         organ : OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
+        self._moreStages = 0
         self._start(volumeNode, [(organ, refitSteps(organ, volumeNode), True)])
 
     def cancel(self):
@@ -118,7 +122,7 @@ class FitSection:
     def _next(self):
         self._organ, steps, isRefit = self._queue.pop(0)
         stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
-        self._progress, self._isNew = _Progress(stages), self._organ.surface is None
+        self._progress, self._isNew = _Progress(stages + self._moreStages), self._organ.surface is None
         self._showProgress(0)
         self._message.show(_("{organ}: separating").format(organ=self._organ.label))
         # The fill would lie over the surface.

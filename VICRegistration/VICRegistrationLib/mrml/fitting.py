@@ -14,7 +14,7 @@ from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
 from .sentences import sentence
 from .stack_contours import showStackContours
-from .stacks import keepStacks, stacksOf, stacksToFit
+from .stacks import keepStacks, stacksOf, stacksToFit, wallPoints
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
 
@@ -143,7 +143,7 @@ def boundaryDeviations(organ, volumeNode):
 
     if organ.surface is None or volumeNode is None:
         return np.empty(0)
-    points = markedPoints(organ.boundaryPoints, volumeNode)
+    points = wallPoints(organ, volumeNode)
     if not len(points):
         return np.empty(0)
     deviations = boundary_deviations(surfaceFromModel(organ.surface), points)
@@ -366,7 +366,7 @@ def _setThreshold(organ, threshold):
 
 
 def _boundaryPoints(organ, volumeNode):
-    points = markedPoints(organ.boundaryPoints, volumeNode)
+    points = wallPoints(organ, volumeNode)
     return points if len(points) else None
 
 

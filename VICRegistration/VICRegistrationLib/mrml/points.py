@@ -134,6 +134,24 @@ def placedPoints(markupsNode):
     return np.reshape(placed, (-1, 3))
 
 
+def placedIn(markupsNode):
+    """Volumes that the slice views showed in which the points of a list were placed.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode or None
+
+    Returns
+    -------
+    list of vtkMRMLNode or None
+        One for every point that was placed; None where Slicer does not know, as of a point placed in 3D or by a script.
+    """
+    if markupsNode is None:
+        return []
+    ids = [markupsNode.GetNthControlPointAssociatedNodeID(index) for index in _placedIndices(markupsNode)]
+    return [slicer.mrmlScene.GetNodeByID(nodeId) if nodeId else None for nodeId in ids]
+
+
 def labelPoints(markupsNode, labels):
     """Write texts beside the points of a list.
 

@@ -13,8 +13,9 @@ import numpy as np
 import slicer
 from slicer.i18n import tr as _
 
+from .points import markedPoints, placedIn, placedPoints
 from .sentences import sentence
-from .volumes import gridOf, imageFromVolume, linearRelation
+from .volumes import gridOf, imageFromVolume, linearRelation, localPoints
 
 # Reference of the transform nodes that are made here to their volume.
 _MOVED = "VIC.moved"
@@ -178,6 +179,29 @@ def toStack(record, volumeNode, stackNode):
         From the local RAS mm of the volume to that of the stack.
     """
     return gridOf(stackNode) @ record.matrix @ np.linalg.inv(gridOf(volumeNode))
+
+
+def wallPoints(organ, volumeNode):
+    """Boundary points of an organ where its volume shows the wall.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    volumeNode : vtkMRMLScalarVolumeNode
+
+    Returns
+    -------
+    (n, 3) ndarray
+        Local RAS mm. A point that was placed in a slice view of a further stack lies on the wall in that stack: it is
+        brought back by the motion that the last fit has found.
+    """
+    points, records = markedPoints(organ.boundaryPoints, volumeNode), stacksOf(organ)
+    for row, node in enumerate(placedIn(organ.boundaryPoints)):
+        if node in records and records[node].used:
+            there = localPoints(node, placedPoints(organ.boundaryPoints)[row])
+            back = np.linalg.inv(toStack(records[node], volumeNode, node))
+            points[row] = back[:3, :3] @ there[0] + back[:3, 3]
+    return points
 
 
 def canBeAligned(record, volumeNode, stackNode):
