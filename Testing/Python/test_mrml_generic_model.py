@@ -110,6 +110,12 @@ def test_the_message_has_figures_and_what_to_know(fit, volume, nodes):
     assert sum(line.startswith("Estimated by the generic model, not seen in the image") for line in lines) == 1
 
 
+def test_the_fills_of_its_organs_are_hidden(fit, logic):
+    fit()
+    for organ in logic.organs():
+        assert not organ.regions.GetDisplayNode().GetSegmentVisibility(organ.regionSegmentId)
+
+
 def test_the_scene_holds_the_model_bit_for_bit(fit, volume, nodes):
     found = fit()
     held = nodes.modelOfVolume(volume)
@@ -162,7 +168,7 @@ def _without(model, name):
     return replace(model, patches=patches, parts=tuple(part for part in model.parts if part.name != name))
 
 
-@pytest.mark.parametrize("words", ["vagina: separating", "region", "own control points", "Determinant"])
+@pytest.mark.parametrize("words", ["vagina: separating", "region", "own control points", "Determinant", "Showing"])
 def test_a_fit_that_is_cancelled_leaves_the_earlier_result(fit, steps, volume, nodes, scene, words):
     fit()
     text, content = nodes.findModel(volume).GetText(), mrml_scenes.content(scene)

@@ -9,6 +9,7 @@ from slicer.i18n import tr as _
 from .fitting import separateOrgan
 from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, placedLandmarks
 from .generic_model_nodes import showModel
+from .organ_nodes import setRegionVisible
 from .organs import Organs
 from .sentences import sentence
 from .volumes import imageFromVolume
@@ -102,24 +103,37 @@ def modelSteps(parameters, organs, volumeNode):
         warnings += [f"{organ.label}: {warning}" for warning in found]
     steps = fit_model(image, model, regions, options, landmarks=landmarks)
     fit = yield from _followed(steps, needed)
-    for words, examine in _examinations(fit):
-        # One after the other: all of them would stop the panel for a second.
-        yield ModelStep(words)
-        needed.check()
-        examine()
-    warnings += _warningsOf(image, fit, pairs)
+    warnings += yield from _examined(image, fit, pairs, needed)
+    for organ in pairs.values():
+        # The fill would lie over the parts.
+        setRegionVisible(organ, False)
     showModel(volumeNode, fit.model, "\n".join([*_summary(fit, pairs), *dict.fromkeys(warnings)]))
     return fit
 
 
-def _examinations(fit):
-    """List what takes long to be found out about a fit, which then keeps it, with words for the panel."""
-    return (
-        (_("Distances from the regions"), lambda: fit.deviations),
-        (_("Determinant of the map"), lambda: fit.smallest_determinant),
-        (_("Sliding of attachments"), lambda: fit.sliding),
-        (_("What passes through what"), lambda: fit.diagnostics),
-    )
+def _examined(image, fit, pairs, needed):
+    """Find out what is to be said about a fit, one after the other: all at once would stop the panel for seconds."""
+    from ..registration.diagnostics import fit_diagnostics
+
+    # The fit keeps what is found.
+    examinations = {
+        _("Distances from the regions"): lambda: fit.deviations,
+        _("Determinant of the map"): lambda: fit.smallest_determinant,
+        _("Sliding of attachments"): lambda: fit.sliding,
+        _("What passes through what"): lambda: fit.diagnostics,
+    }
+    for words, examine in examinations.items():
+        yield ModelStep(words)
+        needed.check()
+        examine()
+    found = [sentence(diagnostic) for diagnostic in fit.diagnostics]
+    for name, organ in pairs.items():
+        yield ModelStep(_("{organ}: checking the surface").format(organ=organ.label))
+        needed.check()
+        found += [f"{organ.label}: {sentence(each)}" for each in fit_diagnostics(image, fit.organs[name])]
+    yield ModelStep(_("Showing the model"))
+    needed.check()
+    return found
 
 
 def _followed(steps, needed):
@@ -160,16 +174,6 @@ def _optionsOf(organ):
     from ..registration.options import FitOptions
 
     return replace(organ.options(), net=None, closure=FitOptions.closure, model=FitOptions.model)
-
-
-def _warningsOf(image, fit, pairs):
-    """Sentences about the model and its organs."""
-    from ..registration.diagnostics import fit_diagnostics
-
-    found = [sentence(diagnostic) for diagnostic in fit.diagnostics]
-    for name, organ in pairs.items():
-        found += [f"{organ.label}: {sentence(each)}" for each in fit_diagnostics(image, fit.organs[name])]
-    return found
 
 
 def _summary(fit, pairs):
