@@ -138,7 +138,7 @@ class FitSection:
         moveSurface(organ.surface, step.surface)
         if self._isNew:
             self._isNew = False
-            _focusOnce(self._volume)
+            focusOnce(self._volume)
         self._showProgress(self._progress.after(step))
         self._message.show(
             _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
@@ -151,7 +151,7 @@ class FitSection:
         self._showProgress(100 if end is End.DONE else 0)
         if end is End.DONE:
             # A fit that is done at once has had no step to look at.
-            _focusOnce(self._volume)
+            focusOnce(self._volume)
         there = organ.parameterNode.GetScene() is not None
         text = {
             End.DONE: lambda: f"{organ.label}: {organ.message}",
@@ -210,8 +210,13 @@ def _plotViewNode():
     return node
 
 
-def _focusOnce(volumeNode):
-    """Focus the 3D views on the first surface of a volume: they may show another place of the world."""
+def focusOnce(volumeNode):
+    """Focus the 3D views on the first surface of a volume: they may show another place of the world.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+    """
     if volumeNode.GetAttribute(_FOCUSED):
         return
     volumeNode.SetAttribute(_FOCUSED, "1")

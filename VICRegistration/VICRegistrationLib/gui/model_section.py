@@ -15,6 +15,7 @@ from ..mrml.generic_model_nodes import colorByPatch, findModel, isColoredByPatch
 from ..mrml.points import placedPoints, placingEvents
 from ..multipatch.library import MODELS
 from .binding import Binding
+from .fit_section import focusOnce
 from .form import fitHeight, showRow
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
@@ -283,6 +284,8 @@ class ModelSection(VTKObservationMixin):
     def _ended(self, end, value):
         self._runner, volumeNode = None, self._fittedVolume
         self._fittedVolume = None
+        if end is End.DONE:
+            focusOnce(volumeNode)
         text = {
             End.DONE: lambda: messageOf(volumeNode),
             End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
