@@ -412,6 +412,17 @@ class StacksTest(PanelTestCase):
         self.assertEqual((self.table.rowCount, self.check().text, self.check().checked), (1, "COR", True))
         self.assertEqual([node.GetName() for node in self.panel.parameters.furtherStacks], ["COR"])
 
+    def test_voxelsOfAStackThatIsRemovedAreFreed(self):
+        self.add("bladder")
+        self.check().click()
+        freed = []
+        self.stack.GetImageData().AddObserver(vtk.vtkCommand.DeleteEvent, lambda caller, event: freed.append(event))
+        slicer.mrmlScene.RemoveNode(self.stack)
+        self.stack = None
+        slicer.app.processEvents()
+        gc.collect()
+        self.assertEqual(len(freed), 1)
+
     def test_theFitTakesWhatIsTickedAndShowsTheMotion(self):
         self.check().click()
         organ = self.fitted("bladder")
