@@ -74,13 +74,15 @@ Several organs are described in a JSON file. Its keys are the words of the flags
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
       "solver": "gauss-newton", "tau": 1.5, "smoothness": 2e-4, "boundary": [[12.5, -30, 4]]}]}
-organ and seed are needed. Flags beside --config hold for the organs that do not say otherwise.
+organ and seed are needed. "also": ["ax.nii.gz", "cor_folder"] beside "organs" is as --also.
+Flags beside --config hold for the organs that do not say otherwise.
 
 examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
   vic-registration fit dicom_folder --organ bladder --seed -3,42,10 --threshold 600,1500 --erosion 2 --output bladder
   vic-registration fit scan.nii.gz --config organs.json --output organs
   vic-registration fit scan.nii.gz --organ bladder --region labels.nii.gz --label 3
+  vic-registration fit sag.nii.gz --also ax.nii.gz --also cor_folder --organ bladder --seed -3,42,10
   vic-registration fit scan.nii.gz --config organs.json --reference labels.nii.gz --label bladder=3 --label rectum=5
 """
 
@@ -152,6 +154,21 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
         type=argument(folder_name),
         help="folder for mri.nii.gz, organs.json and truth/NAME.json",
     )
+    phantom.add_argument(
+        "--stacks",
+        metavar="N",
+        type=int,
+        choices=(1, 2, 3),
+        default=1,
+        help="how many directions: sagittal, axial, coronal (default: 1); organs.json names the others under also",
+    )
+    phantom.add_argument(
+        "--motion",
+        metavar="MM,DEG",
+        type=argument(validators.motion),
+        default=(0.0, 0.0),
+        help="how far the patient moves before each further stack; truth/motion.json has the matrices (default: 0,0)",
+    )
     reproduce = _add_command(
         subparsers, "reproduce", "repeat the paper's section 2.3 and figures 5 and 6", commands.reproduce
     )
@@ -191,6 +208,12 @@ def _add_fit(subparsers) -> None:
         "image",
         metavar="IMAGE",
         help="file (NIfTI, NRRD, MetaImage, DICOM, ...), or a folder of DICOM slices",
+    )
+    fit.add_argument(
+        "--also",
+        metavar="IMAGE",
+        action="append",
+        help="another stack of the patient, file or folder: the surface is fitted to all of them; may be repeated",
     )
     which = fit.add_argument_group("which organs")
     which.add_argument(

@@ -39,6 +39,7 @@ def fit(options: argparse.Namespace) -> int:
     references = _references(options, [request.name for request in requests])
     read = [reference.path for reference in references.values()]
     read += [request.region for request in requests if request.region is not None]
+    read += dict.fromkeys(path for request in requests for path in request.also)
     warn = speaker()
     failed = []
 
@@ -86,10 +87,18 @@ def phantom(options: argparse.Namespace) -> None:
         With a sentence for the user.
     """
     from ..phantoms.pelvis import pelvis_phantom, write_phantom
+    from ..phantoms.stacks import further_stacks, write_stacks
 
+    shift, turn = options.motion
+    if options.stacks == 1 and (shift or turn):
+        msg = "--motion was given without --stacks; it moves the patient before a further stack. Give --stacks 2 or 3."
+        raise ValueError(msg)
     with replacing_folder(options.folder) as drafts:
-        write_phantom(pelvis_phantom(), drafts)
-    speaker()(f"phantom written to {options.folder}: mri.nii.gz, organs.json and truth")
+        stacks = further_stacks(options.stacks - 1, shift_mm=shift, turn_degrees=turn)
+        files = write_stacks(stacks, drafts)
+        write_phantom(pelvis_phantom(), drafts, also=files)
+    named = ", ".join(["mri.nii.gz", *files])
+    speaker()(f"phantom written to {options.folder}: {named}, organs.json and truth")
 
 
 def reproduce(options: argparse.Namespace) -> None:
@@ -138,7 +147,7 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
         if own:
             msg = f"Both --config and --{own[0]} were given; put the {own[0]} of each organ into the configuration."
             raise ValueError(msg)
-        requests = read_requests(options.config, defaults={**chosen, "region": options.region})
+        requests = read_requests(options.config, defaults={**chosen, "region": options.region, "also": options.also})
         labels = chosen_labels(options.label, [request.name for request in requests]) if options.region else {}
         return tuple(replace(request, label=request.label or labels.get(request.name)) for request in requests)
     missing = [word for word in ("organ", "seed") if getattr(options, word) is None]
@@ -151,5 +160,5 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
         )
         raise ValueError(msg)
     label = chosen_labels(options.label, [options.organ]).get(options.organ) if options.region else None
-    start = {"boundary": options.boundary, "region": options.region, "label": label}
+    start = {"boundary": options.boundary, "region": options.region, "label": label, "also": options.also}
     return (organ_request(options.organ, options.seed or (), **start, **chosen),)

@@ -16,7 +16,8 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
 
 Keys are the words of the flags: ``organ`` is needed, and ``seed`` or ``region``, a label image on any grid, whose path
 is relative to the configuration; ``label`` says which of its labels. ``boundary`` and the options of a fit are not
-needed, see :mod:`..registration.options`.
+needed, see :mod:`..registration.options`. ``also``, beside ``organs`` or in one of them, lists more stacks of the
+patient, files or folders relative to the configuration.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ _CHECKS = {
     "region": validators.path,
     "label": validators.label,
     "boundary": validators.points,
+    "also": validators.paths,
     **{name.replace("_", "-"): option.read for name, option in OPTIONS.items()},
 }
 
@@ -63,6 +65,8 @@ class OrganRequest:
         Label image that holds the organ; without it, it is separated from the seeds.
     label : str, optional
         Value or name of the label.
+    also : tuple of str
+        Files or folders of further stacks.
     """
 
     name: str
@@ -71,6 +75,7 @@ class OrganRequest:
     boundary: tuple[tuple[float, float, float], ...] = ()
     region: str | None = None
     label: str | None = None
+    also: tuple[str, ...] = ()
 
 
 def organ_request(
@@ -80,6 +85,7 @@ def organ_request(
     boundary: Sequence[Sequence[float]] | None = None,
     region: str | None = None,
     label: str | None = None,
+    also: Sequence[str] | None = None,
     **options,
 ) -> OrganRequest:
     """Make a request, and refuse options that cannot be met before an image is read.
@@ -91,7 +97,7 @@ def organ_request(
         RAS mm.
     boundary : sequence of (r, a, s), optional
         RAS mm.
-    region, label : str, optional
+    region, label, also : optional
         See :class:`OrganRequest`.
     **options
         Fields of :class:`..registration.organ.FitOptions`; those that are None are left to their defaults.
@@ -112,7 +118,7 @@ def organ_request(
     except ValueError as error:
         msg = f"{name}: {error}"
         raise ValueError(msg) from error
-    return OrganRequest(name, _points(seeds), chosen, _points(boundary or ()), region, label)
+    return OrganRequest(name, _points(seeds), chosen, _points(boundary or ()), region, label, tuple(also or ()))
 
 
 def _check_region(name: str, region: str | None, options: Mapping[str, object]) -> None:
@@ -157,9 +163,13 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
     except (ValueError, RecursionError) as error:
         msg = f"The configuration {path} is not valid JSON ({reason(error)}); correct it."
         raise ValueError(msg) from error
+    entries, defaults = _entries(content, path), dict(defaults or {})
+    stacks = _stacks(content, path)
+    if stacks:
+        defaults["also"] = [*stacks, *(defaults.get("also") or ())]
     requests = tuple(
-        _request(entry, f"{path}, organ {number}", defaults or {}, path.parent)
-        for number, entry in enumerate(_entries(content, path), start=1)
+        _request(entry, f"{path}, organ {number}", defaults, path.parent)
+        for number, entry in enumerate(entries, start=1)
     )
     names = [file_key(request.name) for request in requests]
     twice = sorted({request.name for request in requests if names.count(file_key(request.name)) > 1})
@@ -190,15 +200,24 @@ def _entries(content: object, path: Path) -> list:
     if isinstance(version, bool) or version != VERSION:
         msg = f"The configuration {path} has version {version!r}; version {VERSION} is understood."
         raise ValueError(msg)
-    unknown = sorted(set(content) - {"schema", "version", "organs"})
+    unknown = sorted(set(content) - {"schema", "version", "organs", "also"})
     if unknown:
-        msg = f"The configuration {path} has the unknown key {unknown[0]!r}; use schema, version and organs."
+        msg = f"The configuration {path} has the unknown key {unknown[0]!r}; use schema, version, organs and also."
         raise ValueError(msg)
     organs = content.get("organs")
     if not isinstance(organs, list) or not organs:
         msg = f"The configuration {path} lists no organs; give at least one under 'organs'."
         raise ValueError(msg)
     return organs
+
+
+def _stacks(content: Mapping[str, object], path: Path) -> list[str]:
+    """Further stacks of all organs, relative to the configuration."""
+    try:
+        return [str(path.parent / name) for name in validators.paths(content.get("also", []))]
+    except ValueError as error:
+        msg = f"The configuration {path}, key 'also': {error}."
+        raise ValueError(msg) from error
 
 
 def _request(entry: object, where: str, defaults: Mapping[str, object], folder: Path) -> OrganRequest:
@@ -218,6 +237,8 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
             raise ValueError(msg) from error
     if "region" in named:
         named["region"] = str(folder / named["region"])
+    if "also" in named:
+        named["also"] = [str(folder / name) for name in named["also"]]
     asked = {**defaults, **named}
     missing = [word for word, there in (("organ", "organ" in named), ("seed", _starts(asked))) if not there]
     if missing:

@@ -13,6 +13,7 @@ from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
+from ..registration.stacks import Stack
 from ..registration.stages import Step
 from ..registration.verdict import GOOD, verdict_of
 from ..report.figure import require_packages
@@ -24,6 +25,7 @@ from .organ_entries import FittedOrgan
 from .references import OrganReference
 from .request_checks import check_request
 from .results_folder import Run, restored_organs, target_files, write_results
+from .stack_entries import motion_text
 from .stored_results import StoredResults, image_record, read_results
 
 
@@ -100,7 +102,8 @@ def fit_to_folder(
     if pictures or step:
         restored_organs(stored, [request.name for request in requests], image)
     failed: dict[str, str] = {}
-    organs = _fitted_organs(image, requests, failed, say, keep_going=on_failure is not None)
+    stacks = _further_stacks(requests, say, warn)
+    organs = _fitted_organs(image, requests, stacks, failed, say, keep_going=on_failure is not None)
     for organ in organs:
         tell_warnings(organ, image, warn, step=step)
     for name, sentence in failed.items():
@@ -143,9 +146,24 @@ def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None],
         warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
+def _further_stacks(
+    requests: Sequence[OrganRequest], say: Callable[[str], None], warn: Callable[[str], None]
+) -> dict[str, Stack]:
+    """Read all further stacks once, by their paths."""
+    stacks = {}
+    for path in dict.fromkeys(path for request in requests for path in request.also):
+        image, notes = read_with_warnings(path, series=None, frame=None)
+        for note in notes:
+            warn(f"warning: {note}")
+        say(f"{path}: {described(image)}")
+        stacks[path] = Stack(image, path)
+    return stacks
+
+
 def _fitted_organs(
     image: Image,
     requests: Sequence[OrganRequest],
+    stacks: Mapping[str, Stack],
     failed: dict[str, str],
     say: Callable[[str], None],
     *,
@@ -162,7 +180,7 @@ def _fitted_organs(
         raise ValueError(_all_of(failed))
     for request, region, seconds in separated:
         try:
-            organs.append(_fitted(image, request, region, seconds, say))
+            organs.append(_fitted(image, request, region, [stacks[path] for path in request.also], seconds, say))
         except ValueError as error:
             failed[request.name] = str(error)
             if not keep_going:
@@ -207,13 +225,22 @@ def _from_label(image: Image, request: OrganRequest, say: Callable[[str], None])
 
 
 def _fitted(
-    image: Image, request: OrganRequest, region: Region, seconds_separation: float, say: Callable[[str], None]
+    image: Image,
+    request: OrganRequest,
+    region: Region,
+    stacks: Sequence[Stack],
+    seconds_separation: float,
+    say: Callable[[str], None],
 ) -> FittedOrgan:
     """Fit one organ to its region."""
     start = time.perf_counter()
     lines = StageLines(request.name, say)
-    fit = finish(fit_region(image, region, request.options, boundary_points=request.boundary), on_step=lines)
+    steps = fit_region(image, region, request.options, boundary_points=request.boundary, further=stacks)
+    fit = finish(steps, on_step=lines)
     lines.end()
+    for stack in fit.stacks:
+        if stack.used:
+            say(f"{request.name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
     seconds = seconds_separation + time.perf_counter() - start
     how = {"boundary": request.boundary, "asked": request.options}
     return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)

@@ -26,6 +26,7 @@ from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.stages import Step
 from ..registration.verdict import verdict_of
+from .stack_entries import restored_stack, stack_entry
 
 CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged", "stopped_by")
 
@@ -75,6 +76,7 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
     """
     fit = organ.fit
     region, threshold = fit.region, fit.options.threshold
+    whole = fit.whole_region or region
     diagnostics = fit_diagnostics(image, fit)
     verdict = verdict_of(fit, diagnostics)
     return {
@@ -84,7 +86,7 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
         "volume_sd_ml": fit.confidence.volume_sd_ml,
         "follows_no_edge": fit.confidence.unsupported_share,
         "area_mm2": fit.surface.area(),
-        "separated_volume_ml": None if region is None else float(region.volume_ml),
+        "separated_volume_ml": None if whole is None else float(whole.volume_ml),
         "iterations": fit.iterations,
         "converged": bool(fit.converged),
         "stopped_by": fit.history[-1].stopped_by,
@@ -101,10 +103,11 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
         "options": dataclasses.asdict(fit.options),
         "options_given": _given(organ.asked),
         "choices": [_choice_entry(choice) for choice in fit.choices],
-        "touches_border": [] if region is None else border_sides(image, region),
+        "touches_border": [] if whole is None else border_sides(image, whole),
         "valid": not fit.problems,
         "warnings": [diagnostic.record() for diagnostic in diagnostics],
         "region": None if region is None else _region_entry(region),
+        **_stacks_entry(fit),
     }
 
 
@@ -169,6 +172,37 @@ def _restored_fit(
         uncorrected=surface,
         choices=tuple(_restored_choice(choice) for choice in entry["choices"]),
         image=image,
+        stacks=tuple(restored_stack(stack) for stack in entry.get("stacks", ())),
+        whole_region=_restored_whole(entry, options, image),
+    )
+
+
+def _stacks_entry(fit: OrganFit) -> dict[str, object]:
+    """Further stacks, and the region that was completed from them, if there are any."""
+    if not fit.stacks:
+        return {}
+    entry: dict[str, object] = {"stacks": [stack_entry(stack) for stack in fit.stacks]}
+    if fit.whole_region is not None:
+        entry["whole_region"] = {**_region_entry(fit.whole_region), "touches": list(fit.whole_region.touches_border)}
+    return entry
+
+
+def _restored_whole(entry: Mapping[str, object], options: FitOptions, image: Image) -> Region | None:
+    """Read a completed region, which goes on beyond the image."""
+    found = entry.get("whole_region")
+    if found is None:
+        return None
+    matrix = image.ijk_to_ras.copy()
+    matrix[:3, 3] += matrix[:3, :3] @ np.array(found["offset_kji"][::-1], dtype=float)
+    diagnostics = tuple(_restored_diagnostic(record) for record in found["diagnostics"])
+    return Region(
+        _mask(found),
+        tuple(found["offset_kji"]),
+        matrix,
+        options.threshold,
+        tuple(found["touches"]),
+        entry["erosion"],
+        diagnostics,
     )
 
 
@@ -184,13 +218,16 @@ def _region_entry(region: Region) -> dict[str, object]:
 
 def _restored_region(entry: Mapping[str, object], options: FitOptions, image: Image) -> Region:
     found = entry["region"]
+    own = {"threshold": options.threshold, "erosion": entry["erosion"]}
+    region = region_from_crop(image, _mask(found), np.array(found["offset_kji"]), fill=False, **own)
+    return replace(region, diagnostics=tuple(_restored_diagnostic(record) for record in found["diagnostics"]))
+
+
+def _mask(found: Mapping[str, object]) -> np.ndarray:
+    """Voxels of a stored region."""
     shape = tuple(found["shape_kji"])
     bits = np.frombuffer(zlib.decompress(base64.b64decode(found["voxels"])), dtype=np.uint8)
-    mask = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
-    region = region_from_crop(
-        image, mask, np.array(found["offset_kji"]), fill=False, threshold=options.threshold, erosion=entry["erosion"]
-    )
-    return replace(region, diagnostics=tuple(_restored_diagnostic(record) for record in found["diagnostics"]))
+    return np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
 
 
 def _choice_entry(choice: Choice) -> dict[str, object]:

@@ -39,6 +39,23 @@ def label(value: object) -> str:
     return str(value)
 
 
+def paths(value: object) -> list[str]:
+    """Check a list of paths."""
+    if not isinstance(value, list):
+        msg = f"{value!r} was given; a list of files or folders is needed"
+        raise ValueError(msg)
+    return [path(each) for each in value]
+
+
+def motion(value: str) -> tuple[float, float]:
+    """Check a motion: two numbers from 0, mm and degrees."""
+    found = [_number(part) for part in value.split(",")]
+    if len(found) != 2 or None in found or min(found) < 0.0:
+        msg = f"{value!r} was given; how far in mm and how many degrees are needed, such as 3,2"
+        raise ValueError(msg)
+    return found[0], found[1]
+
+
 def number(value: str) -> float:
     """Check that a word is a number; whether it makes sense is for others to say."""
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +29,12 @@ CONFIG_SCHEMA, CONFIG_VERSION = "vic-registration/organs", 1
 # The scanner's table is never quite straight: turns about S, A and R in degrees.
 _OBLIQUE = (4.0, -3.0, 2.0)
 _POINT_SPREAD_PIXELS = 0.6
+# Columns are the directions of i, j and k.
+_DIRECTIONS = {
+    "sagittal": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
+    "axial": ((1, 0, 0), (0, -1, 0), (0, 0, 1)),
+    "coronal": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+}
 _SUBCUTANEOUS_FAT_MM = 22.0
 # Painted in this order, each as an outer shell of a thickness (mm) and level, and what it holds.
 _SURROUNDINGS = (
@@ -65,8 +72,10 @@ def pelvis_phantom(
     size: tuple[int, int] = (512, 512),
     n_slices: int = 28,
     surfaces: dict[str, BSplineSurface] | None = None,
+    direction: str = "sagittal",
+    motion: np.ndarray | None = None,
 ) -> PelvisPhantom:
-    """Paint a sagittal T2-weighted MRI of a pelvis with a filled bladder and gel in vagina and rectum.
+    """Paint a T2-weighted MRI of a pelvis with a filled bladder and gel in vagina and rectum.
 
     Parameters
     ----------
@@ -84,6 +93,10 @@ def pelvis_phantom(
         Number of slices from left to right.
     surfaces : dict of str to BSplineSurface, optional
         Other lumens of these organs, RAS mm, closed; any of them may be left out.
+    direction : {"sagittal", "axial", "coronal"}
+        Plane of the slices. Sizes and spacings of the others go with the two directions of theirs.
+    motion : (4, 4) ndarray, optional
+        Rigid, RAS mm: how the patient has moved before the scan. Surfaces and seeds are those before.
 
     Returns
     -------
@@ -102,10 +115,11 @@ def pelvis_phantom(
     """
     surfaces = surfaces or organs.pelvic_organs()
     shape = (int(n_slices), int(size[1]), int(size[0]))
-    matrix = _sagittal_matrix(surfaces, shape, spacing)
-    _check_field_of_view(surfaces, shape, matrix)
-    array = _surroundings(shape, matrix, seed)
-    array = painting.paint(array, _layers(surfaces, shape, matrix))
+    matrix = _slices_matrix(surfaces, shape, spacing, direction)
+    patient = matrix if motion is None else np.linalg.inv(motion) @ matrix
+    _check_field_of_view(surfaces, shape, patient)
+    array = _surroundings(shape, patient, seed)
+    array = painting.paint(array, _layers(surfaces, shape, patient))
     array = ndimage.gaussian_filter(array, (0.0, _POINT_SPREAD_PIXELS, _POINT_SPREAD_PIXELS))
     array = painting.add_coil_bias(array, matrix, strength=bias, center=(0.0, 110.0, 10.0), width=90.0)
     array = painting.add_rician_noise(array, sigma=noise * LUMEN_LEVELS["bladder"], seed=seed)
@@ -113,7 +127,7 @@ def pelvis_phantom(
     return PelvisPhantom(Image(np.rint(array).astype(np.int16), matrix), surfaces, seeds)
 
 
-def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike) -> None:
+def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike, *, also: Sequence[str] = ()) -> None:
     """Write image, truth and the seeds as a configuration for fitting.
 
     Parameters
@@ -122,6 +136,8 @@ def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike) -> None:
     directory : path
         Is made if it does not exist. Gets ``mri.nii.gz``, ``organs.json``, and the true surfaces as
         ``truth/NAME.json`` and, to be opened in Slicer, ``truth/NAME.vtp``.
+    also : sequence of str
+        Names of files of further stacks there, for the configuration.
 
     Raises
     ------
@@ -139,14 +155,15 @@ def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike) -> None:
     config = {
         "schema": CONFIG_SCHEMA,
         "version": CONFIG_VERSION,
+        **({"also": list(also)} if also else {}),
         "organs": [{"organ": name, "seed": seeds.round(2).tolist()} for name, seeds in phantom.seeds.items()],
     }
     (directory / "organs.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
 
 
-def _sagittal_matrix(surfaces, shape, spacing) -> np.ndarray:
-    """Affine matrix of a field of view around the organs: i to the back, j to the feet, k to the right."""
-    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+def _slices_matrix(surfaces, shape, spacing, direction) -> np.ndarray:
+    """Affine matrix of a field of view around the organs."""
+    axes = np.array(_DIRECTIONS[direction], dtype=float)
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler("zyx", _OBLIQUE, degrees=True).as_matrix() @ axes * np.asarray(spacing)
     points = np.concatenate([surface.control_net.reshape(-1, 3) for surface in surfaces.values()])

@@ -16,9 +16,10 @@ from ..messages import sentences
 from ..registration.boundary import boundary_deviations
 from ..registration.confidence import Confidence
 from ..registration.nets import net_text
+from ..registration.organ import OrganFit
 from .contents import ComparedOrgan, ReportedModel, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
-from .pictures import overview_figure, page_figures
+from .pictures import overview_figure, page_figures, stack_figure
 
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")
@@ -139,6 +140,8 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
         "inputs": _inputs(organ),
         "choices": [(choice.option, str(choice.value), sentences(choice.reasons)) for choice in fit.choices],
         "stages": _stages(organ),
+        "stacks": _stacks(fit),
+        "stack_pictures": [(use.name, _base64(stack_figure(organ, use))) for use in fit.stacks if use.used],
     }
 
 
@@ -229,6 +232,17 @@ def _dice(compared: ComparedOrgan) -> list[list[str]]:
         ("difference", f"{found.volume_difference_ml:+.1f} ml"),
     ]
     return [list(row) for row in zip(*columns)]
+
+
+def _stacks(fit: OrganFit) -> list[tuple[str, ...]]:
+    """Rows about further stacks: file, motion, share of the area, cost, and whether it was used."""
+    rows = []
+    for use in fit.stacks:
+        shift = ", ".join(f"{value:+.1f}" for value in use.translation_mm)
+        cost = f"{use.cost:.3g}" if np.isfinite(use.cost) else "none"
+        turn, seen = f"{use.rotation_degrees:.1f}°", percent_text(use.seen)
+        rows.append((use.name, shift, turn, seen, cost, "yes" if use.reason is None else use.reason.sentence()))
+    return rows
 
 
 def _inputs(organ: ReportedOrgan) -> list[tuple]:

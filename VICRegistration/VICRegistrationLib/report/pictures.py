@@ -13,10 +13,11 @@ from ..meshing.quality import quality
 from ..organ_colours import organ_colours, rgb
 from ..registration.nets import net_text
 from ..registration.organ import OrganFit
+from ..registration.stacks import StackUse
 from .contents import ComparedOrgan, ReportedOrgan, fine_mesh
 from .figure import axes_at, blank_figure, finish_axes, write_heading
 from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_numbers, draw_scene
-from .slices import Contour, Marks, draw_slices
+from .slices import Contour, Marks, draw_slices, views_in_own_plane
 
 # Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
 REFERENCE_COLOUR = "#3d6cff"
@@ -107,6 +108,25 @@ def page_figures(image: Image, organ: ReportedOrgan) -> dict:
     figures["convergence"] = blank_figure(11.0, 3.4)
     draw_convergence(axes_at(figures["convergence"], 0.9, 0.6, 7.0, 2.4), organ.fit)
     return figures
+
+
+def stack_figure(organ: ReportedOrgan, stack: StackUse):
+    """Draw the contour in a further stack, in its own plane, where the organ was found in it.
+
+    Parameters
+    ----------
+    organ : ReportedOrgan
+    stack : StackUse
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = blank_figure(11.0, 4.1)
+    mesh = fine_mesh(organ.fit.surface.transformed(stack.motion))
+    contour = Contour(mesh, organ_colours([organ.name])[organ.name], "fitted surface")
+    draw_slices(figure, 4.05, stack.image, [contour], views=views_in_own_plane(stack.image, mesh))
+    return figure
 
 
 def deviation_figure(compared: ComparedOrgan):

@@ -221,6 +221,33 @@ def views_of(contours: Sequence[Contour]) -> list[View]:
     return views
 
 
+def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
+    """Choose three squares around a surface in the plane of an image's slices, or the nearest of the patient's planes.
+
+    Parameters
+    ----------
+    image : Image
+    mesh : TriangleMesh
+        RAS mm.
+
+    Returns
+    -------
+    list of View
+        At a quarter, a half and three quarters of the surface's extent across the slices.
+    """
+    across = image.ijk_to_ras[:3, int(np.argmax(image.spacing))]
+    axis = int(np.argmax(np.abs(across)))
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    center, half_width = (low + high) / 2.0, float((high - low).max()) / 2.0 + _MARGIN_MM
+    orientation = next(each for each in ORIENTATIONS if View(each, center, half_width).axis == axis)
+    views = []
+    for share in (0.25, 0.5, 0.75):
+        place = center.copy()
+        place[axis] = low[axis] + share * (high[axis] - low[axis])
+        views.append(View(orientation, place, half_width))
+    return views
+
+
 def _cutting_most(low: np.ndarray, high: np.ndarray, middle: float) -> float:
     """Place in the most of several intervals (n,), the one nearest to the middle of all of them."""
     ends = np.sort(np.concatenate([low, high]))
@@ -237,8 +264,9 @@ def draw_slices(
     *,
     marks: Sequence[Marks] = (),
     region: Image | None = None,
+    views: Sequence[View] | None = None,
 ) -> float:
-    """Draw an axial, a coronal and a sagittal slice side by side, on one scale of mm and of grey, and what is in them.
+    """Draw an axial, a coronal and a sagittal slice, or three others, side by side, on one scale, and what is in them.
 
     Parameters
     ----------
@@ -254,13 +282,15 @@ def draw_slices(
         hollow in the nearest one.
     region : Image, optional
         A mask whose outline is drawn too.
+    views : sequence of three View, optional
+        Other slices.
 
     Returns
     -------
     float
         Lower edge of the legend below the slices, inches from below.
     """
-    views = views_of([contour for contour in contours if not contour.thin])
+    views = views_of([contour for contour in contours if not contour.thin]) if views is None else views
     slices = [slice_of(Sampler(image), view) for view in views]
     known = np.concatenate([grey.compressed() for grey in slices])
     window = np.percentile(known, (1.0, 99.5)) if len(known) else (0.0, 1.0)

@@ -1,0 +1,66 @@
+"""Further stacks of an organ as ``report.json`` keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..imaging.reading import read_image
+from ..messages import Diagnostic
+from ..registration.stacks import StackUse
+
+
+def motion_text(stack: StackUse) -> str:
+    """Say how an organ moved from the first image to a stack."""
+    shift = ", ".join(f"{value:+.1f}" for value in stack.translation_mm)
+    return f"R A S {shift} mm and {stack.rotation_degrees:.1f} degrees"
+
+
+def stack_entry(stack: StackUse) -> dict[str, object]:
+    """Put what became of a stack as JSON keeps it.
+
+    Parameters
+    ----------
+    stack : StackUse
+        Named by the path of its file.
+
+    Returns
+    -------
+    dict
+        `translation_mm` and `rotation_degrees` are those of the organ about its centre, from the first image to this
+        stack, and `motion` the whole matrix, RAS mm. `cost` is None where the stack shows no difference between both
+        sides of the surface.
+    """
+    return {
+        "file": stack.name,
+        "used": stack.used,
+        "reason": None if stack.reason is None else stack.reason.record(),
+        "translation_mm": [float(value) for value in stack.translation_mm],
+        "rotation_degrees": stack.rotation_degrees,
+        "motion": stack.motion.tolist(),
+        "center": [float(value) for value in stack.center],
+        "share_of_area_seen": float(stack.seen),
+        "cost": float(stack.cost) if np.isfinite(stack.cost) else None,
+    }
+
+
+def restored_stack(entry: Mapping[str, object]) -> StackUse:
+    """Read a stack of an earlier run again; its file must still be there.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it is not, or the entry is damaged.
+    """
+    why = entry["reason"]
+    return StackUse(
+        name=entry["file"],
+        image=read_image(entry["file"]),
+        used=entry["used"],
+        reason=None if why is None else Diagnostic(why["code"], why["values"]),
+        motion=np.array(entry["motion"]),
+        center=np.array(entry["center"]),
+        seen=entry["share_of_area_seen"],
+        cost=np.inf if entry["cost"] is None else entry["cost"],
+    )

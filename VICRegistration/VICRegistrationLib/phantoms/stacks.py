@@ -1,0 +1,103 @@
+"""Further stacks of the synthetic pelvis, in other directions, after the patient has moved."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..imaging.image import Image
+from ..imaging.reading import write_image
+from .pelvis import pelvis_phantom
+
+DIRECTIONS = ("axial", "coronal")
+# About the middle of the organs, RAS mm: the centre of the patient's turn.
+_CENTER = np.array([1.0, 8.0, 6.0])
+# Fewer pixels than the sagittal stack has, and more slices: the organs are longer than wide.
+_SIZE, _SLICES = (384, 384), 44
+
+
+@dataclass(frozen=True, eq=False)
+class PhantomStack:
+    """A further stack and the truth about it.
+
+    Parameters
+    ----------
+    direction : {"axial", "coronal"}
+    image : Image
+    motion : (4, 4) ndarray
+        Rigid, RAS mm: takes points of the first stack to where this one shows them.
+    """
+
+    direction: str
+    image: Image
+    motion: np.ndarray
+
+
+def further_stacks(
+    count: int, *, seed: int = 0, shift_mm: float = 0.0, turn_degrees: float = 0.0, **choices
+) -> list[PhantomStack]:
+    """Paint further stacks of the pelvis, each with other tissue, other noise and another motion.
+
+    Parameters
+    ----------
+    count : int
+        0 to 2: axial, and coronal.
+    seed : int
+        Of the first stack; those of the others follow from it.
+    shift_mm, turn_degrees : float
+        How far the patient has moved before each of them, in a direction and about an axis by chance.
+    **choices
+        As for :func:`.pelvis.pelvis_phantom`.
+
+    Returns
+    -------
+    list of PhantomStack
+    """
+    rng = np.random.default_rng([seed, 17])
+    stacks = []
+    for number, direction in enumerate(DIRECTIONS[:count], start=1):
+        shift, axis = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
+        motion = np.eye(4)
+        motion[:3, :3] = Rotation.from_rotvec(np.radians(turn_degrees) * axis).as_matrix()
+        motion[:3, 3] = _CENTER + shift_mm * shift - motion[:3, :3] @ _CENTER
+        own = {"size": _SIZE, "n_slices": _SLICES, **choices}
+        phantom = pelvis_phantom(seed=seed + 1000 * number, direction=direction, motion=motion, **own)
+        stacks.append(PhantomStack(direction, phantom.image, motion))
+    return stacks
+
+
+def write_stacks(stacks: Sequence[PhantomStack], directory: str | os.PathLike) -> list[str]:
+    """Write further stacks as ``mri_DIRECTION.nii.gz``, and their motions as ``truth/motion.json``.
+
+    Parameters
+    ----------
+    stacks : sequence of PhantomStack
+    directory : path
+        Is made if it does not exist.
+
+    Returns
+    -------
+    list of str
+        Names of the images' files.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    if not stacks:
+        return []
+    truth = Path(directory) / "truth"
+    truth.mkdir(parents=True, exist_ok=True)
+    names = [f"mri_{stack.direction}.nii.gz" for stack in stacks]
+    for name, stack in zip(names, stacks):
+        write_image(stack.image, Path(directory) / name)
+    motions = {name: stack.motion.tolist() for name, stack in zip(names, stacks)}
+    (truth / "motion.json").write_text(json.dumps(motions, indent=2) + "\n", encoding="utf-8")
+    return names
