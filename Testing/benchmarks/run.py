@@ -30,6 +30,7 @@ BENCHMARKS = {
     "nets": ("nets.report", "Control nets of different sizes"),
     "robustness": ("robustness.report", "Seeds and grey levels moved at random"),
     "confidence": ("confidence.report", "Errors against the standard deviations of the fits"),
+    "stacks": ("stacks.report", "Several stacks of one patient"),
     "tubes": ("tubes.report", "Long, bent organs"),
     "shapes": ("random_organs.report", "Organs of random shape"),
     "hippocampus": ("hippocampus.report", "Hippocampi in brain MRI, started from a box"),
