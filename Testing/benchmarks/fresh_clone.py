@@ -26,7 +26,7 @@ def report(*, quick: bool) -> str:
             start = time.perf_counter()
             command = ["make", target, f"PYTHON={sys.executable}"]
             done = subprocess.run(command, cwd=clone, env=outside, stdout=subprocess.PIPE, text=True)
-            if done.returncode:
+            if done.returncode and target == "demo":
                 message = f"make {target} ended with {done.returncode}:\n{done.stdout[-2000:]}"
                 raise RuntimeError(message)
             minutes = f"{(time.perf_counter() - start) / 60.0:.1f}"
