@@ -79,6 +79,33 @@ def test_the_nearest_surfaces_follow_a_smooth_map_of_space(organs, space):
         assert check_surface(surface) == ()
 
 
+def test_an_end_that_no_point_of_the_surface_is_near_is_reached(organs, space):
+    def longer(points):
+        down = np.clip((-30.0 - points[..., 2:]) / 25.0, 0.0, 1.0)
+        return points + 15.0 * down**2 * (0.0, 0.2, -1.0)
+
+    clouds, ends = {}, {}
+    for name, surface in organs.items():
+        u, v = surface.midpoints(60, 40)
+        clouds[name] = longer(surface.points(u, v)) if name == "vagina" else surface.points(u, v)
+        ends[name] = clouds[name][clouds[name][:, 2].argmin()]
+    assert organs["vagina"].closest_points(ends["vagina"][None]).distances[0] > 8.0
+    steps, moved = space.towards(organs, clouds), None
+    seen = []
+    while moved is None:
+        try:
+            seen.append(next(steps))
+        except StopIteration as stop:
+            moved = stop.value
+    # Measured: 0.7 mm, and 0.06 mm for the bladder, which stays.
+    assert abs(moved["vagina"].closest_points(ends["vagina"][None]).distances[0]) < 1.5
+    assert np.abs(moved["bladder"].closest_points(clouds["bladder"]).distances).mean() < 0.2
+    assert [step.stage for step in seen] == ["ends"] * len(seen)
+    assert seen[-1].converged
+    # What is left of it is the spacing of the samples.
+    assert seen[-1].cost < 0.4 * seen[0].cost
+
+
 def test_what_leaves_an_organ_closed_is_left_as_it_is(organs):
     surface = organs["vagina"]
     columns = closed_organ(surface).matrices[0].toarray()[:, ::7]

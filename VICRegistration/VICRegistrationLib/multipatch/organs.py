@@ -1,8 +1,8 @@
 """The organs of a generic model, fitted to an image: placed, deformed as one, and each by itself at last.
 
 1. *Place* all organs by the moments of their regions, see :mod:`.placement`.
-2. *Deform* them as one by radial basis functions, see :mod:`.joint`: on the regions, then on the grey levels, coarse
-   and fine.
+2. *Deform* them as one by radial basis functions, see :mod:`.joint`: to the ends of the regions, on the regions, then
+   on the grey levels, coarse and fine.
 3. *Register* each organ with its own control points, on the grey levels.
 """
 
@@ -25,6 +25,7 @@ from ..registration.drift_limit import within_drift_limit
 from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
 from ..registration.organ import OrganFit, Outcome, completed, recorded
+from ..registration.region_image import RegionImage
 from ..registration.schedule import Schedule
 from ..registration.stages import Step, last_step
 from ..segmentation.checks import check_scale
@@ -102,6 +103,8 @@ def fit_organs(
     space = JointSpace(placed)
     maps = placement.maps
     surfaces = space.nearest({name: surface.transformed(maps[name]).control_net for name, surface in placed.items()})
+    clouds = {name: _boundary(organ.schedule.region) for name, organ in organs.items()}
+    surfaces = yield from _in_histories(space.towards(surfaces, clouds), organs)
     organs, together = yield from _deformed_as_one(space, organs, surfaces)
     fits, surfaces = {}, together
     for name, organ in organs.items():
@@ -116,6 +119,16 @@ def _planned(image: Image, region: Region, asked: FitOptions, parent: BSplineSur
     pose = replace(moments(region), center=np.zeros(3), axes=np.eye(3))
     options = asked.filled_in(threshold=region.threshold, net=net_of(parent, CLOSURE), closure=CLOSURE)
     return _Organ(region, asked, Schedule.of_region(image, region, pose, options), [])
+
+
+def _boundary(region: RegionImage) -> np.ndarray:
+    """Points of a region's boundary, (n, 3) RAS mm: voxels of its distance image that are near, moved there."""
+    distance = region.distance
+    k, j, i = np.nonzero(np.abs(distance.array) < 0.5 * distance.spacing.min())
+    points = distance.to_ras(np.column_stack([i, j, k]))
+    values, gradients, _ = region.sampler.values_and_gradients(points)
+    squared = np.maximum(np.sum(gradients**2, axis=1), 0.25)
+    return points - (values / squared)[:, None] * gradients
 
 
 def _deformed_as_one(
