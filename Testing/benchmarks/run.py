@@ -43,6 +43,7 @@ BENCHMARKS = {
     "preview": ("previews.report", "The preview in Slicer"),
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
     "models": ("models.report", "Generic models of several organs"),
+    "modelfits": ("model_fits.report", "Generic models fitted to images"),
     "kills": ("kills.report", "Fits that are killed at random moments"),
     "reproduce": ("reproduced.report", "The paper's validation"),
     "clone": ("fresh_clone.report", "The two commands in a fresh clone"),
