@@ -31,6 +31,7 @@ _MODULES = {
     "compare": "api",
     "find_model": "multipatch.library",
     "fit": "api",
+    "fit_model": "api",
     "fit_region": "api",
     "read_image": "imaging.reading",
     "read_surface": "api",

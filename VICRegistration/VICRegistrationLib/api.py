@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .geometry.surface import BSplineSurface
-from .imaging.image import Image
+from .imaging.image import Image, as_image
 from .imaging.region import Region
 from .registration import organ
 from .registration import refit as refitting
@@ -18,6 +19,11 @@ from .registration.options import FitOptions
 from .registration.organ import OrganFit, finish
 from .registration.stacks import Stack
 from .registration.stages import Step
+
+if TYPE_CHECKING:
+    from .multipatch.fit import ModelFit
+    from .multipatch.joint import JointStep
+    from .multipatch.model import MultiPatchModel
 
 
 def fit(
@@ -177,6 +183,80 @@ def refit(
     given = {"boundary_points": boundary_points, "region": region, "further": further}
     steps = refitting.refit(image, surface, _options(options, choices), **given)
     return finish(steps, on_step)
+
+
+def fit_model(
+    image: Image | str | os.PathLike,
+    organs: Mapping[str, np.ndarray | Region],
+    model: MultiPatchModel | str | os.PathLike = "pelvis",
+    options: Mapping[str, FitOptions] | None = None,
+    *,
+    landmarks: Mapping[str, np.ndarray] | None = None,
+    on_step: Callable[[JointStep], None] | None = None,
+) -> ModelFit:
+    """Fit a generic model of several organs, and carry along what the image does not show.
+
+    Parameters
+    ----------
+    image : Image or path
+    organs : mapping of str to (n, 3) array_like or Region
+        Points inside each organ, RAS mm, or its region, by the organs' names in the model: at least two. Organs of the
+        model that are not given are predicted from the others.
+    model : MultiPatchModel or path
+        Or the name of one that ships, see :func:`find_model`.
+    options : mapping of str to FitOptions, optional
+        Of some or all of the organs; net, closure and generic model are those of the model.
+    landmarks : mapping of str to (3,) array_like, optional
+        Where landmarks of the model are in the image, RAS mm.
+    on_step : callable, optional
+        Called with every step of the fit: stage, iteration, cost, displacement, surfaces. To stop between two steps,
+        iterate over :func:`.multipatch.fit.fit_model` instead.
+
+    Returns
+    -------
+    ModelFit
+
+    Raises
+    ------
+    ValueError
+        If an organ cannot be separated, organs, options or landmarks do not fit the model, or the image is of another
+        unit or frame.
+
+    Examples
+    --------
+    A model of two balls, in an image of two others:
+
+    >>> import numpy as np
+    >>> import VICRegistrationLib as vic
+    >>> from VICRegistrationLib.geometry.models import closed_organ
+    >>> from VICRegistrationLib.multipatch.cuts import OrganCuts
+    >>> from VICRegistrationLib.multipatch.drawing import Drawing
+    >>> balls = {name: closed_organ((9, 7), axes=14 * np.eye(3), center=(r, 0, 0)) for name, r in (("a", 0), ("b", 42))}
+    >>> cuts = {name: OrganCuts([0, 0.5], [0, 1], [[f"{name} front"], [f"{name} back"]]) for name in balls}
+    >>> model = Drawing(balls, cuts).model(name="balls", landmarks={})
+    >>> place = np.moveaxis(np.indices((24, 24, 48)), 0, -1)
+    >>> distance = 2.0 * np.minimum(*(np.linalg.norm(place - (11.5, 11.5, i), axis=-1) for i in (11.5, 35.5)))
+    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
+    >>> fit = vic.fit_model(image, {"a": [[23, 23, 23]], "b": [[71, 23, 23]]}, model)
+    >>> [f"{parent.volume() / 1000.0:.1f} ml" for parent in fit.model.parents.values()]
+    ['17.1 ml', '17.1 ml']
+    >>> fit.predicted
+    ()
+    """
+    from .multipatch.fit import finish as finish_model
+    from .multipatch.fit import fit_model as steps_of
+    from .multipatch.library import find_model
+    from .segmentation.separation import separate
+
+    image, options = as_image(image), options or {}
+    if isinstance(model, (str, os.PathLike)):
+        model = find_model(model)
+    regions = {}
+    for name, given in organs.items():
+        asked = options.get(name, FitOptions())
+        how = {"threshold": asked.threshold, "erosion": asked.erosion, "dilation": asked.dilation}
+        regions[name] = given if isinstance(given, Region) else separate(image, given, **how)
+    return finish_model(steps_of(image, model, regions, options, landmarks=landmarks), on_step)
 
 
 def compare(surface: BSplineSurface, reference, *, label: int | str | None = None, **choices):

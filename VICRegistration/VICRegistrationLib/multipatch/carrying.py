@@ -13,8 +13,8 @@ from ..geometry.surface import BSplineSurface
 _SAMPLES = (14, 10)
 # Smoothing of the samples on organs, mm: from 1e-3 to 0.1 the errors of what is carried are the same to 0.01 mm.
 _NUGGET = 1e-2
-# And of landmarks, which are placed to 2 mm. Tried 0.01 to 200 on twelve known maps: up to 50 the floor is off by 1.3 to
-# 1.4 mm, with 200 by 1.6 mm.
+# And of landmarks, which are placed to 2 mm. Tried 0.01 to 200 on twelve known maps: up to 50 the floor is off by 1.3
+# to 1.4 mm, with 200 by 1.6 mm.
 _LANDMARK_NUGGET = 4.0
 # Half the distance over which the map's derivatives are taken, mm.
 _STEP_MM = 0.5
