@@ -1,4 +1,4 @@
-"""Draw the README's pictures of Slicer's views: an organ separated, three fitted, one corrected, three compared.
+"""Draw the pictures of Slicer's views: an organ separated, three fitted, one corrected, three compared, two stacks.
 
 The scene is filled by the module's own code and drawn by Slicer's displayable managers, but without Slicer: needs the
 package slicer-core, and OpenGL that works off screen. The image is the demo's, with air in the bladder.
@@ -26,7 +26,10 @@ from slicer_views import SLICES, SliceView, ThreeDView, draws_off_screen, side_b
 from VICRegistration import VICRegistrationLogic
 from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.fitting import fitSteps
+from VICRegistrationLib.mrml.stack_contours import chooseViews
+from VICRegistrationLib.mrml.stacks import stacksOf
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface
 from VICRegistrationLib.phantoms.painting import paint
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
@@ -75,6 +78,25 @@ def main() -> None:
         # As in the panel after a fit: the contour is not to lie under the region.
         organ.regions.GetDisplayNode().SetVisibility(False)
     views.draw("compared", (front[0], *bladder_center[1:]), 150.0, middle=all_organs)
+    for organ in list(logic.organs()):
+        # The legend goes first.
+        logic.color(organ)
+        logic.organs().remove(organ)
+    draw_stacks(logic, views, seeds, all_organs)
+
+
+def draw_stacks(logic, views, seeds, center):
+    """Draw a sagittal and an axial stack, before which the patient has moved, with organs that are fitted to both."""
+    sagittal, axial = samples.addPhantomVolume(), samples.addPhantomStack()
+    for volume in (sagittal, axial):
+        volume.CreateDefaultDisplayNodes()
+    for name, seed in seeds.items():
+        organ = logic.fit(sagittal, seed, name=name, further=[axial])
+        organ.regions.GetDisplayNode().SetVisibility(False)
+        organ.seeds.GetDisplayNode().SetVisibility(False)
+        (record,) = stacksOf(organ).values()
+        print(f"{name}: moved {record.shift:.1f} mm, {record.turn:.1f} degrees in the axial stack")
+    views.draw_stacks("stacks", {"Red": axial, "Yellow": sagittal}, center, 130.0)
 
 
 def with_air_in_the_bladder(phantom, level):
@@ -128,6 +150,13 @@ class Views:
         red, yellow, green = (self._slices[name].picture() for name in ("Red", "Yellow", "Green"))
         FOLDER.mkdir(exist_ok=True)
         write_png(side_by_side([[red, self._threeD.picture()], [green, yellow]]), FOLDER / f"{name}.png")
+
+    def draw_stacks(self, name, volumes, center, height_mm):
+        """Write a picture of slice views that show a volume each."""
+        for view, volume in volumes.items():
+            self._slices[view].show(volume, center, height_mm)
+        chooseViews()
+        write_png(side_by_side([[self._slices[view].picture() for view in volumes]]), FOLDER / f"{name}.png")
 
 
 if __name__ == "__main__":

@@ -46,17 +46,11 @@ class VICRegistration(ScriptedLoadableModule):
 
 
 def registerSampleData():
-    """Offer the synthetic pelvic MRI in the module Sample Data; it is painted here, not downloaded."""
+    """Offer the synthetic pelvic MRI in the module Sample Data."""
     import SampleData
 
-    SampleData.SampleDataLogic.registerCustomSampleDataSource(
-        category="VICRegistration",
-        sampleName=samples.NAME,
-        uris="painted",
-        fileNames=samples.NAME,
-        nodeNames=samples.NAME,
-        customDownloader=lambda source: samples.addPhantomVolume(),
-    )
+    for source in samples.sources():
+        SampleData.SampleDataLogic.registerCustomSampleDataSource(**source)
 
 
 class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
@@ -351,7 +345,7 @@ class VICRegistrationTest(ScriptedLoadableModuleTest):
 
     def runTest(self):
         """Run every test."""
-        for test in (self.test_fit, self.test_refit, self.test_sceneBundle, self.test_badSeed):
+        for test in (self.test_fit, self.test_refit, self.test_furtherStack, self.test_sceneBundle, self.test_badSeed):
             self.setUp()
             test()
         self.delayDisplay(_("The self test passed."))
@@ -370,6 +364,12 @@ class VICRegistrationTest(ScriptedLoadableModuleTest):
         u, v = surface.midpoints(1, 1)
         deviations = self.logic.refit(organ, surface.points(u, v) + 5.0 * surface.normals(u, v))
         self.assertLess(abs(deviations[0]), 0.5)
+
+    def test_furtherStack(self):
+        """An axial stack, before which the patient has moved, halves the rectum's distance from the truth."""
+        stack, seeds = samples.addPhantomStack(), self.phantom.seeds["rectum"]
+        organ = self.logic.fit(self.volume, seeds, name="rectum", further=[stack])
+        self.assertLess(self.deviation(organ), 0.07)
 
     def test_sceneBundle(self):
         """A scene that is saved and loaded holds the organ bit for bit."""

@@ -13,7 +13,7 @@ slicer = pytest.importorskip("slicer", reason="slicer-core is not installed")
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULE_FILE = ROOT / "VICRegistration" / "VICRegistration.py"
-SELF_TESTS = ("test_fit", "test_refit", "test_sceneBundle", "test_badSeed")
+SELF_TESTS = ("test_fit", "test_refit", "test_furtherStack", "test_sceneBundle", "test_badSeed")
 
 
 @pytest.fixture
@@ -40,6 +40,7 @@ def test_the_phantom_is_offered_as_sample_data(slicer_module, pelvis, monkeypatc
     volume = source.customDownloader(source)
     assert volume.GetName() == "VIC pelvis phantom"
     assert slicer.util.arrayFromVolume(volume).shape == (28, 512, 512)
+    assert SampleData.SampleDataLogic().sourceForSampleName("VIC pelvis phantom, axial")
 
 
 @pytest.mark.parametrize("name", SELF_TESTS)
