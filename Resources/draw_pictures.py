@@ -11,9 +11,19 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
 from PIL import Image
 
+import VICRegistrationLib as vic
 from VICRegistrationLib import cli, demo
+from VICRegistrationLib.analysis.comparison import distances_from
+from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
+from VICRegistrationLib.phantoms.stacks import further_stacks
+from VICRegistrationLib.report.contents import fine_mesh
+from VICRegistrationLib.report.figure import axes_at, blank_figure, save_figure
+from VICRegistrationLib.report.scene import FRONT, OPPOSITE, USUAL, Shape, draw_scene
 
 FOLDER = Path(__file__).resolve().parent
 WIDTH = 1200
@@ -31,7 +41,9 @@ def main() -> None:
         truth = folder / "phantom" / "truth" / "bladder.json"
         cli.main(["model", "show", "--output", str(folder / "model.png")])
         cli.main(["compare", str(organs / "bladder.json"), str(truth), "--output", str(folder / "compared")])
+        draw_stacks(folder / "stacks.png")
         for name, path in (
+            ("several_stacks", folder / "stacks.png"),
             ("demo_overview", organs / "overview.png"),
             ("demo_rectum", organs / "rectum.png"),
             ("demo_deviation", folder / "compared" / "bladder_deviation.png"),
@@ -43,6 +55,29 @@ def main() -> None:
         if browser is None:
             sys.exit("report.png is not drawn: that needs Chromium.")
         write_small(page_parts(browser, organs / "report.html", folder / "page.png"), "report", width=1800)
+
+
+def draw_stacks(path: Path) -> None:
+    """Draw the demo's rectum, fitted to one stack and to three, in the colours of its distance from the truth."""
+    first = pelvis_phantom()
+    stacks = further_stacks(2, shift_mm=3.0, turn_degrees=2.0)
+    truth = first.surfaces["rectum"]
+    figure = blank_figure(9.0, 6.9)
+    for row, count in enumerate((0, 2)):
+        fit = vic.fit(first.image, first.seeds["rectum"], further=[stack.image for stack in stacks[:count]])
+        mesh = fine_mesh(fit.surface)
+        distances = distances_from(truth, mesh.points)
+        colours = colormaps["coolwarm"](Normalize(-0.6, 0.6)(distances))[:, :3]
+        shape, bottom = Shape(mesh.points, mesh.triangles, colours, mesh.normals), 0.3 + 3.3 * (1 - row)
+        for column, viewpoint in enumerate((USUAL, FRONT, OPPOSITE)):
+            draw_scene(axes_at(figure, 2.0 + 2.3 * column, bottom, 2.2, 3.1), [shape], viewpoint)
+        name = "sagittal stack" if not count else "sagittal, axial\nand coronal stack,\nthe last two moved\nby 3 mm, 2°"
+        away = np.abs(distances)
+        text = f"{name}\n\nmean {away.mean():.2f} mm\n95 %  {np.quantile(away, 0.95):.2f} mm"
+        figure.text(0.02, (bottom + 1.6) / 6.9, text, size=11, va="center")
+    note = "blue: inside of the true surface, red: outside; full colour: 0.6 mm"
+    figure.text(0.5, 0.008, note, size=9, ha="center", va="bottom")
+    save_figure(figure, path)
 
 
 def page_parts(browser: str, page: Path, picture: Path) -> Image.Image:

@@ -120,6 +120,20 @@ def test_a_bladder_cut_by_the_field_of_view_stays_sane(clipped):
     assert beyond.max() < 3.6
 
 
+def test_what_one_stack_cuts_off_is_completed_from_another_one(clipped, shared_data):
+    image, alone = clipped
+    fit = finish(fit_organ(image, SEED, further=[shared_data / "prostatex" / "px0_tra.nii.gz"]))
+    (axial,) = fit.stacks
+    assert axial.used
+    assert 0.5 < np.linalg.norm(axial.translation_mm) < 2.5
+    assert axial.rotation_degrees < 6.0
+    assert fit.problems == ()
+    # The sagittal slices end at R -7 mm; in the axial ones the bladder goes on for some 5 mm.
+    right = [each.surface.points(*each.surface.midpoints(80, 50))[:, 0].max() for each in (alone, fit)]
+    assert right[1] > right[0] + 3.0
+    assert fit.whole_region.touches_border == ()
+
+
 def test_a_dicom_folder_and_a_file_give_the_same_surface(clipped, shared_data):
     _, fit = clipped
     series = read_image(shared_data / "prostatex" / "px0_sag_dicom")

@@ -138,6 +138,13 @@ def test_a_refit_begins_with_the_motion_that_was_found(sagittal, both, truth):
     assert error(again.surface, truth) < error(both.surface, truth) + 0.02
 
 
+def test_a_refit_leaves_out_a_stack_with_another_filling(sagittal, truth, alone):
+    larger = truth.with_control_net(CENTER + 1.04 * (truth.control_net - CENTER))
+    again = vic.refit(sagittal, alone.surface, further=[stack_of(larger, "axial", seed=2, **GRID)])
+    assert not again.stacks[0].used
+    assert np.array_equal(again.surface.control_net, vic.refit(sagittal, alone.surface).surface.control_net)
+
+
 def test_boundary_points_pull_a_surface_of_several_stacks(sagittal, axial, both):
     point = both.surface.points(np.array([0.3]), np.array([0.5])) + 3.0 * both.surface.normals(
         np.array([0.3]), np.array([0.5])

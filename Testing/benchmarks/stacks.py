@@ -125,7 +125,7 @@ def hard(patient: Patient) -> str:
 
 def cut(patient: Patient) -> str:
     """Make a table of organs that each stack cuts on another side."""
-    rows = [["organ", "stacks", "all, mm", "where any stack shows it, mm", "share that is shown"]]
+    rows = [["cut organ", "stacks", "all, mm", "where any stack shows it, mm", "share that is shown"]]
     for organ, truth in patient.first.surfaces.items():
         points = patient.points(organ)
         center, extent = truth.control_net.reshape(-1, 3).mean(axis=0), np.ptp(points, axis=0)

@@ -81,7 +81,10 @@ def refit(
     if len(pulling(points, options)):
         outcome = _kept(image, surface, options, stacks)
         return (yield from completed(image, history, outcome, points, region=region, start=start, surface=surface))
-    outcome = yield from recorded(_fit_again(image, surface, options, stacks), history)
+    while True:
+        outcome = yield from recorded(_fit_again(image, surface, options, stacks), history)
+        if not stacks.leave_out_contradicting():
+            break
     return (yield from completed(image, history, outcome, points, region=region, start=start))
 
 
