@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -82,6 +83,20 @@ def test_the_page_calls_it_estimated_too(results):
 def test_files_of_the_model_belong_to_the_results(results):
     stored = json.loads((results / "report.json").read_text(encoding="utf-8"))
     assert {"model.json", "model.step", "model.vtp", "model.png"} <= set(stored["files"])
+
+
+def test_a_later_fit_of_one_organ_removes_the_model_which_would_not_show_it(
+    capsys, given, results, tmp_path, pelvis, one_net
+):
+    folder = shutil.copytree(results, tmp_path / "out")
+    seeds = [f"--seed={','.join(map(str, seed))}" for seed in pelvis.seeds["bladder"].tolist()]
+    words = ["fit", given / "mri.nii.gz", "--organ", "bladder", *seeds, "--output", folder, "--no-pictures"]
+    assert cli.main(list(map(str, words))) == 0
+    assert "removed from" in capsys.readouterr().err
+    assert not any((folder / name).exists() for name in ("model.json", "model.step", "model.vtp", "model.png"))
+    stored = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    assert "model" not in stored
+    assert list(stored["organs"]) == ["bladder", "vagina"]
 
 
 def refused(capsys, given, tmp_path, *words, organs=None):
