@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QBuffer, QPointF, QSize, Qt
@@ -45,8 +46,8 @@ ORGANS = [
     ("vagina", "#ea6a9d", "17.4", "fitted"),
     ("rectum", "#4fb477", "42.2", "fitted"),
 ]
-# Further stacks: name, whether it is ticked, and what became of it. The demo has one volume.
-STACKS = []
+# Further stacks: name, whether it is ticked, and what became of it.
+STACKS = [("Phantom, axial", True, "2.7 mm, 2.6°")]
 BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
 MODEL_ORGANS = [("bladder", "bladder"), ("vagina", "vagina"), ("rectum", "predict")]
@@ -299,7 +300,7 @@ def fill_table(
             table.setItem(row, column, QTableWidgetItem(text))
 
 
-def fill_stacks(panel: QWidget, stacks: list[tuple]) -> None:
+def fill_stacks(panel: QWidget, stacks: Sequence[tuple]) -> None:
     """List further stacks, or show no list where there are none."""
     label, table = (panel.findChild(QWidget, name) for name in ("furtherStacksLabel", "furtherStacksTable"))
     for widget in (label, table):
@@ -318,7 +319,7 @@ def fill(
     panel: QWidget,
     organs: list[tuple] = ORGANS,
     points: list[tuple] = BOUNDARY_POINTS,
-    stacks: list[tuple] = STACKS,
+    stacks: Sequence[tuple] = (),
     **texts: str,
 ) -> None:
     """Show the panel as it is while organs are worked on.
@@ -328,7 +329,7 @@ def fill(
     panel : QWidget
     organs : list of (name, colour, volume, state)
     points : list of (position, deviation)
-    stacks : list of (name, whether it is ticked, result)
+    stacks : sequence of (name, whether it is ticked, result)
     **texts : str
         Texts of labels in place of the usual ones, by the labels' names.
     """
@@ -389,7 +390,7 @@ def main() -> None:
     QApplication.setStyle("Fusion")
     application = QApplication(sys.argv[:1])
     panel = read_panel()
-    fill(panel)
+    fill(panel, stacks=STACKS)
     panel.resize(WIDTH, panel.sizeHint().height())
     application.processEvents()
     picture = panel.grab(panel.rect().adjusted(0, 0, 0, -SPACER))

@@ -26,8 +26,8 @@ LONG = (
     * 3
 )
 STACKS = [
-    ("AX T2 tse", True, "moved 2.7 mm, 1.8°"),
-    ("COR T2 with a name that nobody would type " * 3, True, "moved 12.7 mm, 11.8°"),
+    ("AX T2 tse", True, "2.7 mm, 1.8°"),
+    ("COR T2 with a name that nobody would type " * 3, True, "12.7 mm, 11.8°"),
     *[("DWI", False, "left out")] * 6,
 ]
 PATH = "Written: /home/" + "somebody_with_a_long_name" * 8 + "/organs.step"

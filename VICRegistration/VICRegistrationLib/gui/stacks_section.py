@@ -121,8 +121,7 @@ class StacksSection(VTKObservationMixin):
             self._table.setCellWidget(row, _NAME, self._check(node))
             self._table.setCellWidget(row, _ALIGN, self._alignButton(node))
         check, button = (self._table.cellWidget(row, column) for column in (_NAME, _ALIGN))
-        # An ampersand would underline the next letter.
-        check.text = node.GetName().replace("&", "&&")
+        check.text = _label(node)
         check.toolTip = _("{volume}: tick it to fit organs to this stack as well.").format(volume=node.GetName())
         blocked = check.blockSignals(True)
         check.checked = isTicked
@@ -201,6 +200,12 @@ class StacksSection(VTKObservationMixin):
             followStacks(organ)
         for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
             self._moves.addObserver(node, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._moved)
+            self._moves.addObserver(node, vtk.vtkCommand.ModifiedEvent, self._renamed)
+
+    def _renamed(self, caller, event=None):
+        """Show the name of a volume that was changed: it may be another one."""
+        if caller in self._listed:
+            self._table.cellWidget(self._listed.index(caller), _NAME).text = _label(caller)
 
     def _moved(self, caller, event=None):
         """Let what lies in a volume follow it."""
@@ -211,13 +216,18 @@ class StacksSection(VTKObservationMixin):
         self._onChanged()
 
 
+def _label(node):
+    """Name of a volume as the text of a button, where an ampersand would underline the next letter."""
+    return (node.GetName() or "").replace("&", "&&")
+
+
 def _short(record):
     """Say in a cell what became of a stack."""
     if record is None:
         return ""
     if not record.used:
         return _("left out")
-    return _("moved {shift} mm, {turn}°").format(shift=f"{record.shift:.1f}", turn=f"{record.turn:.1f}")
+    return _("{shift} mm, {turn}°").format(shift=f"{record.shift:.1f}", turn=f"{record.turn:.1f}")
 
 
 def _long(record, node):
