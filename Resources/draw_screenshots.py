@@ -1,4 +1,4 @@
-"""Draw the pictures of Slicer's views: an organ separated, three fitted, one corrected, three compared, two stacks.
+"""Draw the pictures of Slicer's views: an organ separated, three fitted, corrected, compared, two stacks, a model.
 
 The scene is filled by the module's own code and drawn by Slicer's displayable managers, but without Slicer: needs the
 package slicer-core, and OpenGL that works off screen. The image is the demo's, with air in the bladder.
@@ -28,6 +28,9 @@ from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.fitting import fitSteps
+from VICRegistrationLib.mrml.generic_model_fit import fitModel
+from VICRegistrationLib.mrml.generic_model_nodes import colorByPatch
+from VICRegistrationLib.mrml.organ_nodes import setVisible
 from VICRegistrationLib.mrml.stack_contours import chooseViews
 from VICRegistrationLib.mrml.stacks import stacksOf
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface
@@ -78,11 +81,18 @@ def main() -> None:
         # As in the panel after a fit: the contour is not to lie under the region.
         organ.regions.GetDisplayNode().SetVisibility(False)
     views.draw("compared", (front[0], *bladder_center[1:]), 150.0, middle=all_organs)
+    remove_organs(logic)
+    draw_stacks(logic, views, seeds, all_organs)
+    remove_organs(logic)
+    draw_model(logic, views, seeds, all_organs)
+
+
+def remove_organs(logic):
+    """Remove all organs from the scene."""
     for organ in list(logic.organs()):
         # The legend goes first.
         logic.color(organ)
         logic.organs().remove(organ)
-    draw_stacks(logic, views, seeds, all_organs)
 
 
 def draw_stacks(logic, views, seeds, center):
@@ -97,6 +107,17 @@ def draw_stacks(logic, views, seeds, center):
         (record,) = stacksOf(organ).values()
         print(f"{name}: moved {record.shift:.1f} mm, {record.turn:.1f} degrees in the axial stack")
     views.draw_stacks("stacks", {"Red": axial, "Yellow": sagittal}, center, 130.0)
+
+
+def draw_model(logic, views, seeds, center):
+    """Draw a generic model that is fitted to three organs, with its patches."""
+    volume = samples.addPhantomVolume()
+    volume.CreateDefaultDisplayNodes()
+    for name, seed in seeds.items():
+        setVisible(logic.addOrgan(volume, seed, name=name), False)
+    print(fitModel(logic.getParameterNode(), volume))
+    colorByPatch(volume, True)
+    views.draw("model", center, 190.0, middle=center, volume=volume)
 
 
 def with_air_in_the_bladder(phantom, level):
@@ -142,10 +163,10 @@ class Views:
         self._slices = {name: SliceView(scene, APPLICATION, name, VIEW_SIZE) for name in SLICES}
         self._threeD = ThreeDView(scene, APPLICATION, VIEW_SIZE)
 
-    def draw(self, name, center, height_mm, *, middle):
+    def draw(self, name, center, height_mm, *, middle, volume=None):
         """Write a picture of the slices through a place, and of what is around the middle in 3D."""
         for view in self._slices.values():
-            view.show(self._volume, center, height_mm)
+            view.show(volume or self._volume, center, height_mm)
         self._threeD.look(middle, EYE, 1.25 * height_mm)
         red, yellow, green = (self._slices[name].picture() for name in ("Red", "Yellow", "Green"))
         FOLDER.mkdir(exist_ok=True)

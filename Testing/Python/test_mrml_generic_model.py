@@ -14,6 +14,7 @@ from reorientation import motion
 from vtk.util.numpy_support import vtk_to_numpy
 
 from VICRegistrationLib.geometry.surface_file import read_surface
+from VICRegistrationLib.multipatch.colours import patch_colours
 from VICRegistrationLib.multipatch.file import read_model, write_model
 from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
 
@@ -288,10 +289,18 @@ def test_patches_are_coloured_on_demand(fit, volume, nodes):
     assert not nodes.isColoredByPatch(volume)
     nodes.colorByPatch(volume, True)
     assert nodes.isColoredByPatch(volume)
-    node = next(node for node in nodes.partsOf(volume) if node.GetName() == "bladder")
-    colors = vtk_to_numpy(node.GetPolyData().GetCellData().GetArray(node.GetDisplayNode().GetActiveScalarName()))
+    display = next(node for node in nodes.partsOf(volume) if node.GetName() == "bladder").GetDisplayNode()
+    table = display.GetColorNode()
+    names = [table.GetColorName(number) for number in range(1, table.GetNumberOfColors())]
+    assert names == [patch.name for patch in found.model.patches]
+    data = display.GetInputMesh().GetCellData()
+    numbers = np.unique(vtk_to_numpy(data.GetArray(display.GetActiveScalarName())))
+    assert [names[number - 1].split()[0] for number in numbers] == ["bladder"] * 30
+    # Or organs would be drawn as translucent.
+    assert table.GetLookupTable().IsOpaque()
     # Shades repeat, but not for neighbours.
-    assert 2 <= len(np.unique(colors, axis=0)) <= len(found.model.patches_of("bladder"))
+    shades = {tuple(table.GetLookupTable().GetTableValue(int(number))) for number in numbers}
+    assert 2 <= len(shades) < 30
     # A new fit is shown as the one before.
     fit()
     assert nodes.isColoredByPatch(volume)
@@ -313,6 +322,12 @@ def test_a_scene_that_is_saved_holds_everything(fit, volume, nodes, chosen, logi
     assert nodes.modelOfVolume(loaded).points.tobytes() == found.model.points.tobytes()
     assert nodes.messageOf(loaded) == message
     assert nodes.isColoredByPatch(loaded)
+    table = nodes.partsOf(loaded)[0].GetDisplayNode().GetColorNode()
+    assert table.GetNumberOfColors() == 1 + len(found.model.patches)
+    wanted = list(patch_colours(found.model).values())
+    kept = [table.GetLookupTable().GetTableValue(number)[:3] for number in range(1, table.GetNumberOfColors())]
+    np.testing.assert_allclose(kept, wanted, atol=1.0 / 255.0)
+    assert table.GetLookupTable().GetRange() == (0.0, len(found.model.patches))
     assert len(nodes.partsOf(loaded)) == len(found.model.parts)
     kept = chosen.GenericModelParameters(logic.getParameterNode().parameterNode)
     assert kept.modelName == "pelvis"

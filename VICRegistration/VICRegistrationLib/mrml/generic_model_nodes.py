@@ -10,7 +10,7 @@ import numpy as np
 import slicer
 import vtk
 from slicer.i18n import tr as _
-from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtk.util.numpy_support import vtk_to_numpy
 
 from .organ_nodes import removeNodes
 from .organs import storable
@@ -21,7 +21,8 @@ from .volumes import putUnderVolume
 _TYPE = "generic model"
 # Attributes of the text and of a part, and the reference of both to their volume.
 _MESSAGE, _PART, _VOLUME = "VIC.message", "VIC.part", "VIC.volume"
-_PATCH_COLOR = "Patch"
+# Numbers of the triangles' patches, from 1.
+_PATCH = "patch_number"
 # As in the pictures of models.
 _TRANSLUCENT = 0.35
 # Triangles that are farther from where the model's are than this were changed, mm.
@@ -43,15 +44,13 @@ def showModel(volumeNode, model, message):
     -------
     vtkMRMLTextNode
     """
-    from ..multipatch.colours import part_colours, patch_colours
+    from ..multipatch.colours import part_colours
     from ..multipatch.file import model_text
     from ..multipatch.vtp import part_polydata
     from ..organ_colours import rgb
 
     text, triangles = model_text(model), part_polydata(model)
-    colors, patchColors = part_colours(model), patch_colours(model)
-    shades = np.array([patchColors[patch.name] for patch in model.patches])
-    byPatch = isColoredByPatch(volumeNode)
+    colors, byPatch = part_colours(model), isColoredByPatch(volumeNode)
     textNode = findModel(volumeNode) or _createText(volumeNode)
     earlier = {node.GetAttribute(_PART): node for node in partsOf(volumeNode)}
     removeNodes([node for name, node in earlier.items() if name not in triangles])
@@ -61,14 +60,13 @@ def showModel(volumeNode, model, message):
         node = earlier.get(part.name) or _createPart(volumeNode, part.name)
         _putBeside(textNode, node)
         node.SetName(_nameOf(part))
-        data = _withNormals(triangles[part.name])
-        _addPatchColors(data, shades)
-        node.SetAndObservePolyData(data)
+        node.SetAndObservePolyData(_withNormals(triangles[part.name]))
         putUnderVolume(node, volumeNode)
         display = node.GetDisplayNode()
         display.SetColor(*rgb(colors[part.name]))
         display.SetOpacity(_TRANSLUCENT if part.estimated else 1.0)
         display.SetBackfaceCulling(False)
+    _showPatchColors(volumeNode, model)
     colorByPatch(volumeNode, byPatch)
     return textNode
 
@@ -126,15 +124,17 @@ def colorByPatch(volumeNode, byPatch):
     volumeNode : vtkMRMLScalarVolumeNode or None
     byPatch : bool
     """
+    table = _patchColors(volumeNode)
     for node in partsOf(volumeNode):
         display = node.GetDisplayNode()
         if display is None:
             continue
         with slicer.util.NodeModify(display):
-            if byPatch:
-                display.SetActiveScalar(_PATCH_COLOR, vtk.vtkAssignAttribute.CELL_DATA)
-                display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseDirectMapping)
-            display.SetScalarVisibility(byPatch)
+            if byPatch and table is not None:
+                display.SetActiveScalar(_PATCH, vtk.vtkAssignAttribute.CELL_DATA)
+                display.SetAndObserveColorNodeID(table.GetID())
+                display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseColorNodeScalarRange)
+            display.SetScalarVisibility(byPatch and table is not None)
 
 
 def isColoredByPatch(volumeNode):
@@ -150,7 +150,7 @@ def isColoredByPatch(volumeNode):
     """
     displays = [node.GetDisplayNode() for node in partsOf(volumeNode)]
     return any(
-        display is not None and display.GetScalarVisibility() and display.GetActiveScalarName() == _PATCH_COLOR
+        display is not None and display.GetScalarVisibility() and display.GetActiveScalarName() == _PATCH
         for display in displays
     )
 
@@ -298,9 +298,24 @@ def _withNormals(data):
     return normals.GetOutput()
 
 
-def _addPatchColors(data, shades):
-    """Give the triangles the colour of their patch, an (n_patches, 3) array of 0 to 1."""
-    numbers = vtk_to_numpy(data.GetCellData().GetArray("patch_number"))
-    array = numpy_to_vtk(np.rint(255.0 * shades[numbers - 1]).astype(np.uint8), deep=True)
-    array.SetName(_PATCH_COLOR)
-    data.GetCellData().AddArray(array)
+def _patchColors(volumeNode):
+    """Colours of the patches of a fitted model by their numbers, or None."""
+    return next(iter(_belonging("vtkMRMLColorTableNode", volumeNode)), None)
+
+
+def _showPatchColors(volumeNode, model):
+    """Put the colours and names of a model's patches into the table of its volume; made where there is none."""
+    from ..multipatch.colours import patch_colours
+
+    table, colors = _patchColors(volumeNode), patch_colours(model)
+    if table is None:
+        name = _("{volume} patches").format(volume=volumeNode.GetName())
+        table = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLColorTableNode", name)
+        table.SetTypeToUser()
+        table.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+    table.SetNumberOfColors(len(model.patches) + 1)
+    # Opaque: one translucent colour would make everything translucent.
+    table.SetColor(0, _("no patch"), 0.0, 0.0, 0.0, 1.0)
+    for number, patch in enumerate(model.patches, start=1):
+        table.SetColor(number, patch.name, *colors[patch.name], 1.0)
+    table.GetLookupTable().SetRange(0, len(model.patches))
