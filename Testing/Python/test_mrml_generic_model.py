@@ -111,6 +111,19 @@ def test_the_message_has_figures_and_what_to_know(fit, volume, nodes):
     assert sum(line.startswith("Estimated by the generic model, not seen in the image") for line in lines) == 1
 
 
+def test_what_the_fit_does_not_use_is_said(fit, logic, volume, nodes, pelvis):
+    from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf
+
+    fit()
+    assert "not used" not in nodes.messageOf(volume)
+    boundaryPointsOf(organ_of(logic, "vagina"), volume).AddControlPointWorld(0.0, 0.0, 0.0)
+    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="axial")]
+    fit()
+    lines = nodes.messageOf(volume).split("\n")
+    assert "vagina: its points on the wall are not used by the fit of a model." in lines
+    assert "The further stacks are not used by the fit of a model." in lines
+
+
 def test_the_fills_of_its_organs_are_hidden(fit, logic):
     fit()
     for organ in logic.organs():

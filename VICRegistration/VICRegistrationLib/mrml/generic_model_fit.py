@@ -11,6 +11,8 @@ from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, pla
 from .generic_model_nodes import showModel
 from .organ_nodes import setRegionVisible
 from .organs import Organs
+from .parameters import ModuleParameters
+from .points import placedPoints
 from .sentences import sentence
 from .volumes import imageFromVolume
 
@@ -95,7 +97,7 @@ def modelSteps(parameters, organs, volumeNode):
     landmarks = placedLandmarks(parameters.modelLandmarks, volumeNode)
     check_names(model, landmarks)
     needed = _Needed(pairs, volumeNode)
-    regions, warnings = {}, []
+    regions, warnings = {}, _notUsed(parameters, pairs, volumeNode)
     for name, organ in pairs.items():
         yield ModelStep(_("{organ}: separating").format(organ=organ.label))
         needed.check()
@@ -167,6 +169,19 @@ class _Needed:
                         what=what, remedy=_("Fit the model again.")
                     )
                 )
+
+
+def _notUsed(parameters, pairs, volumeNode):
+    """Say what fits of single organs use, and the fit of a model does not."""
+    found = [
+        _("{organ}: its points on the wall are not used by the fit of a model.").format(organ=organ.label)
+        for organ in pairs.values()
+        if len(placedPoints(organ.boundaryPoints))
+    ]
+    stacks = ModuleParameters(parameters.parameterNode).furtherStacks
+    if any(node is not None and node is not volumeNode for node in stacks):
+        found.append(_("The further stacks are not used by the fit of a model."))
+    return found
 
 
 def _optionsOf(organ):
