@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from phantom_volumes import painted_with, volume_errors
 from robustness import ALLOWED_MM, trials
 
 from VICRegistrationLib.analysis.distances import deviation
@@ -41,6 +42,13 @@ def test_an_organ_is_found_to_a_fraction_of_a_pixel(noisy_pelvis, organ):
     assert found.maximum <= 1.6
     assert fit.converged
     assert fit.problems == ()
+
+
+@pytest.mark.parametrize(("pixel", "slices"), [(0.9, 2.0), (0.7, 5.0)])
+def test_volumes_do_not_depend_on_the_voxels(pixel, slices):
+    errors = volume_errors(painted_with(pixel, slices))
+    # Measured: -0.6 to 0 %. Before blur was taken off the levels of thin walls, up to -2.2 %.
+    assert {organ for organ, error in errors.items() if abs(error) > 0.7} == set()
 
 
 @pytest.mark.parametrize("organ", ORGANS)

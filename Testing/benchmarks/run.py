@@ -28,6 +28,7 @@ BENCHMARKS = {
     "clicks": ("clicks.report", "Clicks anywhere"),
     "constants": ("constants.report", "Half and twice each constant of the separation"),
     "nets": ("nets.report", "Control nets of different sizes"),
+    "volumes": ("phantom_volumes.report", "Volumes of the demo's organs in other voxels"),
     "robustness": ("robustness.report", "Seeds and grey levels moved at random"),
     "confidence": ("confidence.report", "Errors against the standard deviations of the fits"),
     "stacks": ("stacks.report", "Several stacks of one patient"),

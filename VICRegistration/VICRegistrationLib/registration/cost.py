@@ -150,7 +150,8 @@ class Correlation:
             # Without a voxel nothing is shifted.
             n = len(frame.points)
             known = virtual.voxel is not None
-            self._shift = virtual.shifts(self.surface.curvature(q) if known else np.zeros((n, 3, 3)))
+            curvature = self.surface.curvature(q) if known else np.zeros((n, 3, 3))
+            self._shift = virtual.shifts(curvature, frame.normals)
         shift = self._shift[:, None]
         weight = frame.area if self.share is None else self.share * frame.area
         if virtual.adaptive:

@@ -83,7 +83,7 @@ class View:
         profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
         # Levels that are given are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
-        return Further(self.sampler, VirtualImage(profile, mode=mode, voxel=self.voxel), self.trust)
+        return Further(self.sampler, VirtualImage(profile, mode=mode, voxel=self.voxel, edge=self.tau), self.trust)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ class Schedule:
         return Stage(
             name,
             self.sampler,
-            VirtualImage(profile, mode=options.levels, voxel=self.voxel),
+            VirtualImage(profile, mode=options.levels, voxel=self.voxel, edge=options.tau),
             reach=0.5,
             n_depths=5,
             bending=options.smoothness,

@@ -8,18 +8,22 @@ the real image moves a curved edge.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import ndtr
 
 LEVEL_MODES = ("local", "organ", "given")
 # Where the levels are read off a normal line, in units of the ramp's width. Inside, only beyond the whole ramp:
-# nearer to the surface the blurred edge darkens the plateau, and the surface would settle too far out.
-PROBE_DEPTHS = np.linspace(-2.0, 1.25, 14)
-INSIDE_PROBES = PROBE_DEPTHS <= -1.0
-OUTSIDE_PROBES = PROBE_DEPTHS >= 0.375
+# nearer to the surface the blurred edge darkens the plateau, and the surface would settle too far out. Outside, close
+# together and from the end of the ramp on: a wall may be no thicker than the edge is wide.
+PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.5, 1.25, 7)])
+INSIDE_PROBES = PROBE_DEPTHS < 0.0
+OUTSIDE_PROBES = ~INSIDE_PROBES
 
+# Width of the cosine ramp that is as steep at half height as a step blurred by a Gaussian, in its standard deviations.
+WIDTH_OF_BLUR = 0.5 * np.pi * np.sqrt(2.0 * np.pi)
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
 # Of the contrast that is expected, at least so much is the unit of the residuals.
@@ -127,6 +131,29 @@ class IntensityProfile:
         return 0.0 if self.centered else 0.5
 
 
+def blur_covariance(voxel: np.ndarray, edge: float | None = None) -> np.ndarray:
+    """Covariance of the blur of an image that is interpolated linearly, (3, 3) mm^2.
+
+    Parameters
+    ----------
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel, mm.
+    edge : float, optional
+        Width of the cosine ramp that is as steep as a sharp edge in the image, mm, where it is sharpest. What it is
+        wider than the voxels explain is the point spread of the scanner, taken as equal in all directions.
+
+    Notes
+    -----
+    Averaging over a voxel and interpolating linearly between voxels blur along each voxel edge e with the variances
+    |e|^2 / 12 and |e|^2 / 6, together sum e e' / 4.
+    """
+    covariance = voxel @ voxel.T / 4.0
+    if edge is None:
+        return covariance
+    sharpest = float(np.linalg.eigvalsh(covariance)[0])
+    return covariance + max((edge / WIDTH_OF_BLUR) ** 2 - sharpest, 0.0) * np.eye(3)
+
+
 @lru_cache(maxsize=16)
 def _smoothing_matrix(n: int, sigma: float, mode: str) -> np.ndarray:
     """Gaussian smoothing of n numbers as a matrix: on so few, a product is faster than a filter."""
@@ -147,8 +174,10 @@ class VirtualImage:
         its neighbours, for surroundings that change along the surface.
     voxel : (3, 3) ndarray, optional
         Columns are the edges of a voxel of the real image, mm. When given, the ramp is moved to where the image's blur
-        moves a curved edge, and levels come from places where the voxel is short along the normal rather than across
-        thick slices.
+        moves a curved edge, levels come from places where the voxel is short along the normal rather than across
+        thick slices, and what the blur carries across the edge is taken off the levels outside.
+    edge : float, optional
+        Width of the edge in the real image, mm, see :func:`blur_covariance`.
     smoothing : float
         Standard deviation of the smoothing over neighbours, as a fraction of the surface's parameter range.
 
@@ -161,6 +190,7 @@ class VirtualImage:
     profile: IntensityProfile
     mode: str = "local"
     voxel: np.ndarray | None = None
+    edge: float | None = None
     smoothing: float = 0.1
 
     def __post_init__(self) -> None:
@@ -185,19 +215,25 @@ class VirtualImage:
         """Distances from the surface at which levels are read off the image, (m,) mm."""
         return self.profile.width * (PROBE_DEPTHS + self.profile.middle)
 
+    @cached_property
+    def _covariance(self) -> np.ndarray:
+        return blur_covariance(self.voxel, self.edge)
+
     def blur(self, normals: np.ndarray) -> np.ndarray:
         """Length of a voxel along unit normals (n, 3), in units of its shortest edge, (n,)."""
         if self.voxel is None:
             return np.ones(len(normals))
         return np.linalg.norm(normals @ self.voxel, axis=1) / np.linalg.norm(self.voxel, axis=0).min()
 
-    def shifts(self, curvature: np.ndarray) -> np.ndarray:
+    def shifts(self, curvature: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """How far outward the blurred edge of a curved organ lies from the organ's surface, (n,) mm.
 
         Parameters
         ----------
         curvature : (n, 3, 3) ndarray
             Second derivatives of the signed distance from the surface, 1/mm.
+        normals : (n, 3) ndarray
+            Unit normals.
 
         Returns
         -------
@@ -206,15 +242,18 @@ class VirtualImage:
 
         Notes
         -----
-        Averaging over a voxel and interpolating linearly between voxels blur along each voxel edge e with the variances
-        |e|^2 / 12 and |e|^2 / 6, together a covariance C = sum e e' / 4. To second order the blurred edge lies where
-        the distance is -tr(C H) / 2: inside of convex places, by 0.1 mm for an organ of 60 mm in slices of 4 mm.
+        A point x at the distance d is blurred with points x + t, where t has the covariance C. Half of them lie inside
+        where the median of d + n't + t'Ht/2 is 0: to first order in the curvature H at minus the mean of t'Ht/2 over
+        those with n't = 0. These have the covariance C - C n n'C / n'C n, so that the edge lies inside of convex places
+        by half the trace of its product with H: by 0.1 mm for an organ of 60 mm in slices of 4 mm.
         """
         if self.voxel is None:
             return np.zeros(len(curvature))
-        covariance = self.voxel @ self.voxel.T / 4.0
-        shift = -0.5 * np.einsum("ab,nab->n", covariance, curvature)
-        return np.clip(shift, -0.5 * self.profile.width, 0.5 * self.profile.width)
+        along = normals @ self._covariance
+        variance = np.einsum("na,na->n", along, normals)
+        mean = np.einsum("ab,nab->n", self._covariance, curvature)
+        mean -= np.einsum("na,nab,nb->n", along, curvature, along) / variance
+        return np.clip(-0.5 * mean, -0.5 * self.profile.width, 0.5 * self.profile.width)
 
     def contrast(self, inside: np.ndarray, outside: np.ndarray, area: np.ndarray) -> float:
         """One contrast for the organ, the unit of the residuals."""
@@ -242,14 +281,28 @@ class VirtualImage:
         Notes
         -----
         Inside is the mean of the plateau. Outside is the level farthest from the inside's within reach: an organ may
-        have a wall thinner than the reach, with anything behind it.
+        have a wall thinner than the reach, with anything behind it; the mean of two probes, as one alone would be noise
+        where there is no contrast. What the blur carries there from the inside is
+        taken off first, by least squares: a grey level at depth d is I = s(d) inside + (1 - s(d)) outside, where s is
+        the share of the blur that lies inside.
         """
         weight = valid * (area / area.mean() / self.blur(normals) ** 2)[:, None]
-        profile = self._neighbourhood_mean(values, weight, shape)
-        inside = profile[:, INSIDE_PROBES].mean(axis=1)
-        beyond = np.sort(profile[:, OUTSIDE_PROBES], axis=1)
-        farthest = beyond[:, :3] if self.profile.inside > self.profile.outside else beyond[:, -3:]
+        profile = self._neighbourhood_mean(values, weight, shape, INSIDE_PROBES, self.profile.inside)
+        inside = profile.mean(axis=1)
+        left = 1.0 - self._shares_inside(normals)
+        beyond = np.where(valid, (values - (1.0 - left) * inside[:, None]) / left, 0.0)
+        profile = self._neighbourhood_mean(beyond, weight * left**2, shape, OUTSIDE_PROBES, self.profile.outside)
+        ordered = np.sort(profile, axis=1)
+        farthest = ordered[:, :2] if self.profile.inside > self.profile.outside else ordered[:, -2:]
         return inside, farthest.mean(axis=1)
+
+    def _shares_inside(self, normals: np.ndarray) -> np.ndarray:
+        """Share of the blur about each probe outside that lies inside, (n, m); 0 at those inside."""
+        if self.voxel is None:
+            return np.zeros((len(normals), len(PROBE_DEPTHS)))
+        deviation = np.sqrt(np.einsum("na,ab,nb->n", normals, self._covariance, normals))
+        depths = self.profile.width * PROBE_DEPTHS
+        return np.where(OUTSIDE_PROBES, ndtr(-depths / deviation[:, None]), 0.0)
 
     def credibility(self, values, valid, inside, outside) -> np.ndarray:
         """How much of the step between the levels each normal line shows itself, (n,) from 0 to 1.
@@ -279,10 +332,12 @@ class VirtualImage:
         share = (inner - outer) * np.sign(step) / np.maximum(np.abs(step), 1e-12)
         return np.where(inner_seen & outer_seen, np.clip(share, 0.0, 1.0), 0.0)
 
-    def _neighbourhood_mean(self, values: np.ndarray, weight: np.ndarray, shape) -> np.ndarray:
-        """Weighted mean at each depth, over the organ or over each line's neighbourhood, (n, m)."""
+    def _neighbourhood_mean(
+        self, values: np.ndarray, weight: np.ndarray, shape, probes: np.ndarray, fallback: float
+    ) -> np.ndarray:
+        """Weighted mean at each probe of one side, over the organ or over each line's neighbourhood, (n, m_side)."""
+        values, weight = values[:, probes], weight[:, probes]
         total = weight.sum(axis=0)
-        fallback = np.where(PROBE_DEPTHS < 0.0, self.profile.inside, self.profile.outside)
         mean = np.where(total > 0.0, (weight * values).sum(axis=0) / np.maximum(total, 1e-300), fallback)
         if self.mode == "organ":
             return np.broadcast_to(mean, values.shape)
