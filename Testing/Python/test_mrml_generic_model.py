@@ -423,3 +423,21 @@ def test_the_lines_for_the_python_console(slicer_module, pelvis, monkeypatch, ca
     (block,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "fitModel" in block)
     exec(block, {})
     assert capsys.readouterr().out.startswith("ModelFit(2 organs fitted, 1 predicted, 11 parts estimated")
+
+
+def test_a_scene_that_is_added_to_another_keeps_its_own_model(fit, volume, nodes, tmp_path):
+    found = fit()
+    slicer.util.saveScene(str(tmp_path / "scene.mrb"))
+    # The one that is there goes elsewhere, and the loaded one stays.
+    volume.SetName("first")
+    volume.SetAndObserveTransformNodeID(mrml_scenes.add_linear_transform(motion(10, (0, 0, 1), (9, 0, 0))).GetID())
+    nodes.followVolumeWithModel(volume)
+    slicer.util.loadScene(str(tmp_path / "scene.mrb"))
+    loaded = slicer.util.getNode("mri")
+    assert loaded is not volume
+    assert nodes.findModel(loaded) is not nodes.findModel(volume)
+    assert nodes.modelOfVolume(loaded).points.tobytes() == found.model.points.tobytes()
+    assert len(nodes.partsOf(loaded)) == len(nodes.partsOf(volume)) == len(found.model.parts)
+    nodes.colorByPatch(loaded, True)
+    assert nodes.isColoredByPatch(loaded)
+    assert not nodes.isColoredByPatch(volume)
