@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from bladders import HARD, NAMES, Bladder, bladders, other_seeds
 from measuring import table
+from surfaces import contour_in_world, smoothed_contour
 
-from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh, mesh_of_mask, points_on, signed_distances
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
 
@@ -33,6 +34,8 @@ class Started:
         From the click to the surface.
     surface : str
         What the fit said of itself, or why there is none.
+    triangles : float
+        Mean distance of the same points from smoothed triangles of the same region, as Slicer makes them, mm.
     """
 
     mean: float
@@ -40,6 +43,7 @@ class Started:
     dice: float
     seconds: float
     surface: str
+    triangles: float = np.inf
 
 
 def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
@@ -51,7 +55,10 @@ def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
         return Started(np.inf, np.inf, 0.0, time.perf_counter() - start, str(error).split(";")[0])
     seconds = time.perf_counter() - start
     away = np.abs(closest_points(fit.surface, points).distances)
-    return Started(float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit), seconds, kind(fit))
+    corners, triangles, _ = contour_in_world(smoothed_contour(fit.region), fit.region)
+    theirs = np.abs(signed_distances(closed_mesh(ReferenceMesh(corners, triangles)), points))
+    sizes = float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit)
+    return Started(*sizes, seconds, kind(fit), float(theirs.mean()))
 
 
 def overlap(bladder: Bladder, fit: OrganFit) -> float:
@@ -69,20 +76,32 @@ def kind(fit: OrganFit) -> str:
     return ", ".join(problem.kind for problem in fit.problems) or "valid"
 
 
+def both_ways(found: dict[str, list[Started]]) -> str:
+    """Medians and worst of all clicks into each bladder, and into all of them: fitted, and triangles."""
+    title = ["real case", "clicks", "fitted: median mm", "worst mm", "triangles: median mm", "worst mm"]
+    rows = [title]
+    everything = [one for clicks in found.values() for one in clicks]
+    for name, ones in [*found.items(), ("all", everything)]:
+        sizes = [[one.mean for one in ones], [one.triangles for one in ones]]
+        rows.append([name, str(len(ones)), *(f"{part(size):.2f}" for size in sizes for part in (np.median, max))])
+    return table(rows)
+
+
 def report(*, quick: bool) -> str:
     """Fit each bladder from its deepest place, and from places anywhere in its lumen."""
-    rows = [["bladder", "place", "mean mm", "95 % mm", "Dice", "s", "surface"]]
-    deepest, anywhere, seconds = [], [], {}
+    rows = [["bladder", "place", "mean mm", "95 % mm", "triangles: mean mm", "Dice", "s", "surface"]]
+    deepest, anywhere, seconds, cases = [], [], {}, {}
     for bladder in bladders(names=NAMES + HARD):
         points = points_on(closed_mesh(mesh_of_mask(bladder.lumen.image)), N_POINTS)
         places = [] if quick else list(other_seeds(bladder, N_PLACES))
         found = [started(bladder, points, seed) for seed in (bladder.seed, *places)]
+        cases[bladder.name.split("_")[-1]] = found
         deepest.append(found[0].mean)
         anywhere += [one.mean for one in found[1:]]
         seconds[bladder.name] = np.median([one.seconds for one in found])
         rows += [
-            [bladder.name, str(number or "deepest"), f"{one.mean:.2f}", f"{one.p95:.2f}", f"{one.dice:.3f}"]
-            + [f"{one.seconds:.1f}", one.surface]
+            [bladder.name, str(number or "deepest"), f"{one.mean:.2f}", f"{one.p95:.2f}"]
+            + [f"{one.triangles:.2f}", f"{one.dice:.3f}", f"{one.seconds:.1f}", one.surface]
             for number, one in enumerate(found)
         ]
     if not deepest:
@@ -99,6 +118,9 @@ def report(*, quick: bool) -> str:
             "anywhere in it, at random.",
             table(rows),
             table(summary),
+            "  Mean distances, over all of these clicks. Triangles: marching cubes and smoothing as in Slicer, of the "
+            "same region.",
+            both_ways(cases),
             f"  The slowest, {slowest}, takes {seconds[slowest] / np.median(list(seconds.values())):.1f} times as long "
             "as the median one (medians over the places).",
         ]
