@@ -92,7 +92,10 @@ def hard_stacks(patient: Patient) -> Iterator[tuple[str, Image]]:
     yield "another scale", Image(0.013 * grey + 5.0, image.ijk_to_ras)
     yield "lower half", image.crop((0, 0, 0), (half, *grey.shape[1:]))
     yield "upper half", image.crop((half, 0, 0), grey.shape)
-    yield "pixels of 1.8 mm", Image(grey[:, ::3, ::3], image.ijk_to_ras @ np.diag([3.0, 3.0, 1.0, 1.0]))
+    coarse = np.diag([3.0, 3.0, 1.0, 1.0])
+    coarse[:2, 3] = 1.0
+    means = grey.reshape(len(grey), grey.shape[1] // 3, 3, grey.shape[2] // 3, 3).mean(axis=(2, 4))
+    yield "pixels of 1.8 mm", Image(means, image.ijk_to_ras @ coarse)
     yield "axes turned, left-handed", image.canonical()
     yield "five times the noise", Image(grey + rng.normal(0.0, 220.0, grey.shape), image.ijk_to_ras)
     yield "noise alone", Image(rng.normal(300.0, 100.0, grey.shape), image.ijk_to_ras)
@@ -133,11 +136,13 @@ def cut(patient: Patient) -> str:
         motions = [np.eye(4), *(stack.motion for stack in patient.further)]
         # To the right, above and in front.
         cuts = [_up_to(image, center + 0.22 * extent * axis) for image, axis in zip(images, np.eye(3)[[0, 2, 1]])]
+        seeds = patient.first.seeds[organ]
+        seeds = seeds[cuts[0].to_ijk(seeds)[:, 2] < cuts[0].size[2] - 2.0]
         shown = np.zeros(len(points), dtype=bool)
         for count, (image, motion) in enumerate(zip(cuts, motions), start=1):
             ijk = image.to_ijk(points @ motion[:3, :3].T + motion[:3, 3])
             shown |= np.all((ijk > -0.5) & (ijk < image.size - 0.5), axis=1)
-            steps = fit_organ(cuts[0], center[None], further=cuts[1:count])
+            steps = fit_organ(cuts[0], seeds, further=cuts[1:count])
             off = errors(finish(steps), points)
             rows.append([organ, str(count), f"{off.mean():.2f}", f"{off[shown].mean():.3f}", f"{shown.mean():.2f}"])
     return table(rows)

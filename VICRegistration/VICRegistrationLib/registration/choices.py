@@ -15,6 +15,7 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
+from .nets import sampled
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .schedule import Schedule
 from .stages import Step
@@ -108,10 +109,19 @@ def choose_by(step: Step, schedule: Schedule, asked: FitOptions) -> tuple[Schedu
     if asked.smoothness is not None:
         return schedule, _choices(tau, why, asked.smoothness, Diagnostic("option_given"))
     voxels = schedule.voxels_along(step.surface)
-    smoothness = (_SEVERAL if schedule.views else 1.0) * _SMOOTHNESS * step.cost / np.sqrt(voxels)
+    smoothness = _by_stacks(step, schedule) * _SMOOTHNESS * step.cost / np.sqrt(voxels)
     # Two digits of the number of voxels are enough.
     noise = {"share": float(np.sqrt(step.cost)), "voxels": int(float(f"{voxels:.2g}"))}
     return schedule.chosen(smoothness=smoothness), _choices(tau, why, smoothness, Diagnostic("noise_along_edge", noise))
+
+
+def _by_stacks(step: Step, schedule: Schedule) -> float:
+    """How many times smoother a surface is with several stacks: the more, the more the others determine it."""
+    if not schedule.views:
+        return 1.0
+    first, *_ = schedule.coarse.correlations(sampled(step.surface, schedule.options.closure))
+    area = first.surface.frame(np.zeros(first.surface.n_dof)).area
+    return float(_SEVERAL ** min(1.0, 2.0 * (1.0 - area @ first.share)))
 
 
 def _choices(tau: float, why_tau: Diagnostic, smoothness: float, why_smoothness: Diagnostic) -> tuple[Choice, ...]:

@@ -37,6 +37,8 @@ _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
 _LARGEST_DISAGREEMENT_MM, _LARGEST_DISAGREEMENT_PIXELS = 0.28, 0.45
 # Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
 _MOSTLY_KNOWN = 0.95
+# By which power of the size of its pixels a stack counts less than the first one.
+_PIXEL_POWER = 4.0
 # No image is taken for clearer than this mean squared residual.
 _CLEAREST = 1.0 / 60.0
 
@@ -269,5 +271,12 @@ def with_stacks(
 
 
 def trusted(found: Alignment, own: Alignment) -> View:
-    """View of a stack that counts the less, the more it differs from an edge; `own` is that of the first image."""
-    return replace(found.view, trust=max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST))
+    """View of a stack that counts the less, the more it differs from an edge; `own` is that of the first image.
+
+    And the coarser its pixels: a surface lies off its edge by a part of a pixel, however many of them there are. Where
+    pixels are three times as large, the demo's rectum is off by 0.15 mm with that stack and by 0.11 mm without it.
+    """
+    views = [each.view or found.view for each in (own, found)]
+    finest = [float(np.linalg.norm(view.voxel, axis=0).min()) for view in views]
+    noise = max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST)
+    return replace(found.view, trust=noise * (finest[0] / finest[1]) ** _PIXEL_POWER)
