@@ -183,7 +183,8 @@ def _look_closely(sampler: Sampler, axes: np.ndarray, star: Star) -> Star:
     """Look at more directions, near a surface that was found."""
     ball, sign = sphere(_FINE), 1.0 if star.falls else -1.0
     directions = ball.directions @ axes.T
-    lengths = between(star.directions, star.lengths, directions)
+    # Before they are turned: many are as near as others, and the last digit of the turn would choose among them.
+    lengths = between(sphere().directions, star.lengths, ball.directions)
     inner = int(np.ceil(lengths.max() / _STEP_MM))
     steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
     rays = _Rays.seen(sampler, star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
