@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 from small_phantom import CENTER, ellipsoid
@@ -39,7 +41,7 @@ def motion_about(center, shift, degrees) -> np.ndarray:
 
 
 def stack_of(
-    surface: BSplineSurface,
+    surface: BSplineSurface | Sequence[BSplineSurface],
     direction: str,
     *,
     motion: np.ndarray | None = None,
@@ -50,7 +52,7 @@ def stack_of(
     seed: int = 1,
     center=CENTER,
 ) -> Image:
-    """Paint an organ with a wall of 6 mm, of which a motion (4, 4) takes every point elsewhere.
+    """Paint an organ, or several, with a wall of 6 mm, of which a motion (4, 4) takes every point elsewhere.
 
     The levels are those of the organ, its wall and its surroundings.
     """
@@ -58,9 +60,11 @@ def stack_of(
     matrix = np.eye(4)
     matrix[:3, :3] = np.array(DIRECTIONS[direction]) @ np.diag(spacing)
     matrix[:3, 3] = center - matrix[:3, :3] @ ((np.array(size) - 1) / 2.0)
-    moved = surface if motion is None else surface.transformed(motion)
-    mesh, shape = triangulate(moved, chord_error=0.1), size[::-1]
-    outside = volume_fractions(mesh.points + 6.0 * mesh.normals, mesh.triangles, shape, matrix)
-    inside = volume_fractions(mesh.points, mesh.triangles, shape, matrix)
-    grey = paint(np.full(shape, around), [(outside, wall), (inside, inner)])
+    shape, layers = size[::-1], []
+    for each in [surface] if isinstance(surface, BSplineSurface) else surface:
+        mesh = triangulate(each if motion is None else each.transformed(motion), chord_error=0.1)
+        outside = volume_fractions(mesh.points + 6.0 * mesh.normals, mesh.triangles, shape, matrix)
+        inside = volume_fractions(mesh.points, mesh.triangles, shape, matrix)
+        layers += [(outside, wall), (inside, inner)]
+    grey = paint(np.full(shape, around), layers)
     return Image(np.rint(grey + np.random.default_rng(seed).normal(0.0, noise, shape)).astype(np.int16), matrix)

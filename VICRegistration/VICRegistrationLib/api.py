@@ -192,6 +192,7 @@ def fit_model(
     options: Mapping[str, FitOptions] | None = None,
     *,
     landmarks: Mapping[str, np.ndarray] | None = None,
+    further: Sequence[Stack | Image | str | os.PathLike] | Mapping[str, Sequence] = (),
     on_step: Callable[[JointStep], None] | None = None,
 ) -> ModelFit:
     """Fit a generic model of several organs, and carry along what the image does not show.
@@ -208,6 +209,8 @@ def fit_model(
         Of some or all of the organs; net, closure and generic model are those of the model.
     landmarks : mapping of str to (3,) array_like, optional
         Where landmarks of the model are in the image, RAS mm.
+    further : sequence of Stack, Image or path, or mapping of str to such sequences, optional
+        More stacks of the patient, of all organs or of each; see :class:`Stack`.
     on_step : callable, optional
         Called with every step of the fit: stage, iteration, cost, displacement, surfaces. To stop between two steps,
         iterate over :func:`.multipatch.fit.fit_model` instead.
@@ -256,7 +259,7 @@ def fit_model(
         asked = options.get(name, FitOptions())
         how = {"threshold": asked.threshold, "erosion": asked.erosion, "dilation": asked.dilation}
         regions[name] = given if isinstance(given, Region) else separate(image, given, **how)
-    return finish_model(steps_of(image, model, regions, options, landmarks=landmarks), on_step)
+    return finish_model(steps_of(image, model, regions, options, landmarks=landmarks, further=further), on_step)
 
 
 def compare(surface: BSplineSurface, reference, *, label: int | str | None = None, **choices):

@@ -13,7 +13,7 @@ from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
-from ..registration.stacks import Stack
+from ..registration.stacks import Stack, StackUse
 from ..registration.stages import Step
 from ..registration.verdict import GOOD, verdict_of
 from ..report.figure import require_packages
@@ -102,7 +102,7 @@ def fit_to_folder(
     if pictures or step:
         restored_organs(stored, [request.name for request in requests], image)
     failed: dict[str, str] = {}
-    stacks = _further_stacks(requests, say, warn)
+    stacks = further_stacks(requests, say, warn)
     organs = _fitted_organs(image, requests, stacks, failed, say, keep_going=on_failure is not None)
     for organ in organs:
         tell_warnings(organ, image, warn, step=step)
@@ -146,7 +146,7 @@ def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None],
         warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
-def _further_stacks(
+def further_stacks(
     requests: Sequence[OrganRequest], say: Callable[[str], None], warn: Callable[[str], None]
 ) -> dict[str, Stack]:
     """Read all further stacks once, by their paths."""
@@ -238,12 +238,17 @@ def _fitted(
     steps = fit_region(image, region, request.options, boundary_points=request.boundary, further=stacks)
     fit = finish(steps, on_step=lines)
     lines.end()
-    for stack in fit.stacks:
-        if stack.used:
-            say(f"{request.name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
+    tell_motions(request.name, fit.stacks, say)
     seconds = seconds_separation + time.perf_counter() - start
     how = {"boundary": request.boundary, "asked": request.options}
     return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
+
+
+def tell_motions(name: str, stacks: Sequence[StackUse], say: Callable[[str], None]) -> None:
+    """Say how an organ moved to each stack that was used."""
+    for stack in stacks:
+        if stack.used:
+            say(f"{name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
 
 
 class StageLines:

@@ -15,11 +15,20 @@ from ..multipatch.fit import ModelFit, check_organs, finish, fit_model
 from ..multipatch.landmarks import check_names, read_landmarks
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
+from ..registration.stacks import Stack
 from ..report.figure import require_packages
 from . import validators
 from .configuration import OrganRequest, read_requests
 from .console import argument, speaker
-from .fitting import StageLines, checked_folder, described, separated_organ, tell_warnings
+from .fitting import (
+    StageLines,
+    checked_folder,
+    described,
+    further_stacks,
+    separated_organ,
+    tell_motions,
+    tell_warnings,
+)
 from .images import read_with_warnings
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
@@ -46,6 +55,7 @@ regions, and what was predicted or estimated.
 
 example:
   vic-registration model fit scan.nii.gz --config organs.json --landmarks bones.mrk.json --output pelvis
+  vic-registration model fit sag.nii.gz --also ax.nii.gz --config organs.json
 """
 
 
@@ -57,6 +67,12 @@ def add_words(fit: argparse.ArgumentParser) -> None:
     fit : argparse.ArgumentParser
     """
     fit.add_argument("image", metavar="IMAGE", help="file, or a folder of DICOM slices, as of fit")
+    fit.add_argument(
+        "--also",
+        metavar="IMAGE",
+        action="append",
+        help="another stack of the patient, file or folder: organs are fitted to all of them; may be repeated",
+    )
     fit.add_argument(
         "--config",
         metavar="FILE",
@@ -96,7 +112,8 @@ def run(options: argparse.Namespace) -> None:
     if pictures:
         require_packages("matplotlib", "jinja2")
     say, warn = speaker(options.quiet), speaker()
-    model, requests = find_model(options.model), read_requests(options.config)
+    model = find_model(options.model)
+    requests = read_requests(options.config, defaults={"also": options.also})
     check_organs(model, {request.name: request.options for request in requests})
     _check_requests(requests)
     landmarks = {} if options.landmarks is None else read_landmarks(options.landmarks)
@@ -112,7 +129,8 @@ def run(options: argparse.Namespace) -> None:
     stored.check_image(record)
     if pictures:
         restored_organs(stored, [request.name for request in requests], image)
-    fit, organs = _fitted(image, model, requests, landmarks, say)
+    stacks = further_stacks(requests, say, warn)
+    fit, organs = _fitted(image, model, requests, landmarks, stacks, say)
     for organ in organs:
         tell_warnings(organ, image, warn, step=False)
     for diagnostic in fit.diagnostics:
@@ -125,7 +143,8 @@ def _inputs(options: argparse.Namespace, requests: Sequence[OrganRequest]) -> li
     """Files that must not be replaced."""
     regions = [request.region for request in requests if request.region is not None]
     given = [path for path in (options.model, options.landmarks) if path is not None and path not in MODELS]
-    return [options.image, options.config, *regions, *given]
+    stacks = dict.fromkeys(path for request in requests for path in request.also)
+    return [options.image, options.config, *regions, *stacks, *given]
 
 
 def _check_requests(requests: Sequence[OrganRequest]) -> None:
@@ -144,18 +163,21 @@ def _fitted(
     model: MultiPatchModel,
     requests: Sequence[OrganRequest],
     landmarks: Mapping[str, np.ndarray],
+    stacks: Mapping[str, Stack],
     say: Callable[[str], None],
 ) -> tuple[ModelFit, list[FittedOrgan]]:
     """Separate the organs, and fit the model to them."""
     separated = {request.name: separated_organ(image, request, say) for request in requests}
     regions = {name: region for name, (region, _) in separated.items()}
     options = {request.name: request.options for request in requests}
+    further = {request.name: [stacks[path] for path in request.also] for request in requests}
     lines = StageLines("model", say)
-    fit = finish(fit_model(image, model, regions, options, landmarks=landmarks), on_step=lines)
+    fit = finish(fit_model(image, model, regions, options, landmarks=landmarks, further=further), on_step=lines)
     lines.end()
     organs = []
     for request in requests:
         found, seconds = fit.organs[request.name], separated[request.name][1]
+        tell_motions(request.name, found.stacks, say)
         whole = seconds + found.seconds
         organs.append(FittedOrgan(request.name, found, request.seeds, whole, seconds, asked=request.options))
     return fit, organs

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Union
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.region_image import region_image
 from ..registration.schedule import REGION_MARGIN_MM
+from ..registration.stacks import Stack, as_stacks
 from .carrying import CarryingMap
 from .check import patch_samples, through_cords, through_organs
 from .joint import CLOSURE, JointStep
@@ -32,6 +35,8 @@ from .placement import Placement
 _LEAST_ORGANS = 2
 # Where the map makes space smaller than this share, what it carries is no longer like the model.
 LEAST_DETERMINANT = 0.1
+# What a further stack is given as.
+Further = Union[Stack, Image, str, os.PathLike]
 # Where an organ is compared with its region.
 _SURFACE_SAMPLES = (48, 30)
 
@@ -92,7 +97,7 @@ class ModelFit:
         """Mean distance of each fitted organ from the boundary of its separated region, mm."""
         found = {}
         for name, fit in self.organs.items():
-            region = region_image(fit.region, np.eye(4), margin=REGION_MARGIN_MM)
+            region = region_image(fit.whole_region or fit.region, np.eye(4), margin=REGION_MARGIN_MM)
             values, seen = region.sampler.values(fit.surface.points(*fit.surface.midpoints(*_SURFACE_SAMPLES)))
             found[name] = float(np.abs(values[seen]).mean())
         return found
@@ -156,6 +161,7 @@ def fit_model(
     options: Mapping[str, FitOptions] | None = None,
     *,
     landmarks: Mapping[str, np.ndarray] | None = None,
+    further: Sequence[Further] | Mapping[str, Sequence[Further]] = (),
 ) -> Generator[JointStep, None, ModelFit]:
     """Fit a generic model to an image, step by step.
 
@@ -170,11 +176,15 @@ def fit_model(
         Of some or all of these organs.
     landmarks : mapping of str to (3,) array_like, optional
         Where landmarks of the model are in the image, RAS mm; any number of them.
+    further : sequence of Stack, Image or path, or mapping of str to such sequences, optional
+        More stacks of the patient, of all organs or of each; their own control points are fitted to them as well, see
+        :mod:`..registration.stacks`. What became of each is `OrganFit.stacks`.
 
     Yields
     ------
     JointStep
-        One for every iteration; the caller may stop between any two.
+        One for every iteration; the caller may stop between any two. Where further stacks complete a region that the
+        image cuts, its first ones are of that organ alone.
 
     Returns
     -------
@@ -184,14 +194,15 @@ def fit_model(
     ------
     ValueError
         If an organ or a landmark is none of the model's, there are less than two organs, options do not fit the model,
-        the image is of another unit or frame, or a landmark is more than 30 mm from where it is expected.
+        the image is of another unit or frame, a landmark is more than 30 mm from where it is expected, or stacks are
+        given of an organ without a region.
     """
     start, image = time.perf_counter(), as_image(image)
     options = {name: (options or {}).get(name) or FitOptions() for name in regions}
     landmarks = {name: np.asarray(point, dtype=float) for name, point in (landmarks or {}).items()}
     check_organs(model, options)
     check_names(model, landmarks)
-    found = yield from fit_organs(image, model.parents, regions, options)
+    found = yield from fit_organs(image, model.parents, regions, options, _stacks_of(further, list(regions)))
     surfaces = {name: fit.surface for name, fit in found.fits.items()}
     carry = CarryingMap(model.parents, surfaces)
     distances = {}
@@ -232,6 +243,22 @@ def finish(steps: Iterator[JointStep], on_step: Callable[[JointStep], None] | No
             return end.value
         if on_step is not None:
             on_step(step)
+
+
+def _stacks_of(
+    further: Sequence[Further] | Mapping[str, Sequence[Further]], names: Sequence[str]
+) -> dict[str, tuple[Stack, ...]]:
+    """Further stacks of each organ."""
+    if not isinstance(further, Mapping):
+        return dict.fromkeys(names, as_stacks(further))
+    unknown = [name for name in further if name not in names]
+    if unknown:
+        msg = (
+            f"Further stacks were given of {unknown[0]!r}, which has no region; the organs to fit are "
+            f"{', '.join(names)}. Leave them out, or give a region."
+        )
+        raise ValueError(msg)
+    return {name: as_stacks(further.get(name, ())) for name in names}
 
 
 def _predicted(

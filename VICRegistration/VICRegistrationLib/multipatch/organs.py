@@ -4,12 +4,15 @@
 2. *Deform* them as one by radial basis functions, see :mod:`.joint`: to the ends of the regions, on the regions, then
    on the grey levels, coarse and fine.
 3. *Register* each organ with its own control points, on the grey levels.
+
+Further stacks count from the third step on: each organ is aligned with them by its own surface, and fitted to all that
+show it. Before, they complete the region of an organ that the image cuts, if there is one.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,11 +25,13 @@ from ..messages import Diagnostic
 from ..registration.boundary import checked_boundary_points
 from ..registration.choices import Choice, choose_by
 from ..registration.drift_limit import within_drift_limit
+from ..registration.joint_stacks import JointStacks
 from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
-from ..registration.organ import OrganFit, Outcome, completed, recorded
+from ..registration.organ import OrganFit, Outcome, complete_region, completed, recorded
 from ..registration.region_image import RegionImage
 from ..registration.schedule import Schedule
+from ..registration.stacks import Stack
 from ..registration.stages import Step, last_step
 from ..segmentation.checks import check_scale
 from .joint import CLOSURE, JointSpace, JointStep
@@ -52,12 +57,14 @@ class FittedOrgans:
 
 @dataclass(frozen=True, eq=False)
 class _Organ:
-    """One organ while it is fitted."""
+    """One organ while it is fitted; its whole region goes beyond the image where stacks have completed it."""
 
     region: Region
+    whole: Region
     asked: FitOptions
     schedule: Schedule
     history: list[Step]
+    stacks: tuple[Stack, ...]
     choices: tuple[Choice, ...] = ()
 
 
@@ -66,6 +73,7 @@ def fit_organs(
     parents: Mapping[str, BSplineSurface],
     regions: Mapping[str, Region],
     options: Mapping[str, FitOptions],
+    stacks: Mapping[str, Sequence[Stack]],
 ) -> Generator[JointStep, None, FittedOrgans]:
     """Fit the closed organs of a model to an image, step by step.
 
@@ -79,6 +87,8 @@ def fit_organs(
         Separated organs on the image's grid, at least two of them.
     options : mapping of str to FitOptions
         Of each of these; net, closure and generic model are those of the parents.
+    stacks : mapping of str to sequence of Stack
+        Further stacks of each of these, with images that are read.
 
     Yields
     ------
@@ -97,8 +107,10 @@ def fit_organs(
     """
     start = time.perf_counter()
     check_scale(image)
-    organs = {name: _planned(image, region, options[name], parents[name]) for name, region in regions.items()}
-    placement = place(parents, {name: SolidMoments.of_region(region) for name, region in regions.items()})
+    organs = {}
+    for name, region in regions.items():
+        organs[name] = yield from _planned(image, name, region, options[name], parents[name], tuple(stacks[name]))
+    placement = place(parents, {name: SolidMoments.of_region(organ.whole) for name, organ in organs.items()})
     placed = {name: parents[name].transformed(placement.matrix) for name in organs}
     space = JointSpace(placed)
     maps = placement.maps
@@ -114,11 +126,18 @@ def fit_organs(
     return FittedOrgans(fits, together, placement)
 
 
-def _planned(image: Image, region: Region, asked: FitOptions, parent: BSplineSurface) -> _Organ:
-    """Plan the fit of an organ in RAS mm, the frame that all of them share."""
-    pose = replace(moments(region), center=np.zeros(3), axes=np.eye(3))
+def _planned(
+    image: Image, name: str, region: Region, asked: FitOptions, parent: BSplineSurface, stacks: tuple[Stack, ...]
+) -> Generator[JointStep, None, _Organ]:
+    """Plan the fit of an organ in RAS mm, the frame that all of them share; stacks complete a region that is cut."""
+    history: list[Step] = []
+    whole = region
+    if stacks and region.touches_border:
+        steps = complete_region(image, region, asked, stacks, history)
+        whole, stacks = yield from _beside_others(steps, name, {})
+    pose = replace(moments(whole), center=np.zeros(3), axes=np.eye(3))
     options = asked.filled_in(threshold=region.threshold, net=net_of(parent, CLOSURE), closure=CLOSURE)
-    return _Organ(region, asked, Schedule.of_region(image, region, pose, options), [])
+    return _Organ(region, whole, asked, Schedule.of_region(image, whole, pose, options), history, stacks)
 
 
 def _boundary(region: RegionImage) -> np.ndarray:
@@ -177,16 +196,34 @@ def _by_itself(image: Image, organ: _Organ, placed: BSplineSurface, *, start: fl
     """Register an organ with its own control points, from where all of them have come to."""
     outcome = yield from recorded(_register(organ, placed), organ.history)
     points = checked_boundary_points(None)
-    return (yield from completed(image, organ.history, outcome, points, region=organ.region, start=start))
+    fit = yield from completed(image, organ.history, outcome, points, region=organ.region, start=start)
+    return fit if organ.whole is organ.region else replace(fit, whole_region=organ.whole)
 
 
 def _register(organ: _Organ, placed: BSplineSurface) -> Generator[Step, None, Outcome]:
-    schedule, together = organ.schedule, organ.history[-1]
-    space = sampled(together.surface, CLOSURE)
-    found = yield from last_step(replace(schedule.fine, name="own control points"), space)
+    """Register an organ on the grey levels of all stacks, without those that contradict the image."""
+    together, stacks = organ.history[-1], JointStacks(organ.stacks, np.eye(4))
+    while True:
+        outcome = yield from _on_grey_levels(organ, together, placed, stacks)
+        if not stacks.leave_out_contradicting():
+            return outcome
+
+
+def _on_grey_levels(
+    organ: _Organ, together: Step, placed: BSplineSurface, stacks: JointStacks
+) -> Generator[Step, None, Outcome]:
+    space, choices = sampled(together.surface, CLOSURE), organ.choices
+    schedule, coarse = yield from stacks.joined(organ.schedule, together, space)
+    if schedule.views:
+        schedule, choices = choose_by(coarse, schedule, organ.asked)
+    found = yield from last_step(replace(schedule.fine, name="own control points"), space.at(coarse.surface))
+    if schedule.views:
+        schedule, surface = stacks.realigned(schedule, found.surface)
+        again = replace(schedule.fine, name="own control points, motion found again")
+        found = yield from last_step(again, space.at(surface))
     found, limited = yield from within_drift_limit(
         found, schedule, space, on_region=together, fallback=together, called="surface of the generic model"
     )
-    cost = schedule.fine.correlation(space.at(found.surface)).cost_of(placed)
+    cost = schedule.fine.cost_of(space.at(found.surface), placed)
     net = Choice("net", net_text(schedule.options.net), (Diagnostic("net_of_model"),))
-    return Outcome(schedule.options, (net, *organ.choices, *limited), cost)
+    return Outcome(schedule.options, (net, *choices, *limited), cost, stacks.uses(found.surface))

@@ -227,7 +227,7 @@ def fit_region(
     history: list[Step] = []
     whole = region
     if stacks and region.touches_border:
-        whole, stacks = yield from _completed_region(image, region, options, stacks, history)
+        whole, stacks = yield from complete_region(image, region, options, stacks, history)
     model, schedule, frame = _planned(image, whole, options)
     joint = JointStacks(stacks, frame)
     outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=frame)
@@ -244,10 +244,33 @@ def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSpline
     return model, schedule, frame_of(pose)
 
 
-def _completed_region(
+def complete_region(
     image: Image, region: Region, options: FitOptions, stacks: tuple[Stack, ...], history: list[Step]
 ) -> Generator[Step, None, tuple[Region, tuple[Stack, ...]]]:
-    """Complete a region that the first stack cuts off from the others, where a surface of it shows how they moved."""
+    """Complete a region that the first stack cuts off from the others, where a surface of it shows how they moved.
+
+    Parameters
+    ----------
+    image : Image
+        The first stack.
+    region : Region
+        Of the organ in it.
+    options : FitOptions
+    stacks : tuple of Stack
+    history : list of Step
+        Gets the steps of a fit to the first stack alone.
+
+    Yields
+    ------
+    Step
+
+    Returns
+    -------
+    region : Region
+        As of :func:`.completion.completed_region`.
+    stacks : tuple of Stack
+        With the motions that were found.
+    """
     model, schedule, frame = _planned(image, region, options)
     start = yield from recorded(_started(model, schedule, "first stack alone, "), history, local_to_ras=frame)
     joint = JointStacks(stacks, frame)
