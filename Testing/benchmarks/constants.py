@@ -11,14 +11,13 @@ from experts import N_POINTS, started
 from measuring import table
 
 from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
-from VICRegistrationLib.segmentation import growing, lobes, ray_edges, sphere, star_region, star_surface
+from VICRegistrationLib.segmentation import growing, ray_edges, sphere, star_region, star_surface
 
 CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((ray_edges, name) for name in ("_STEP_SHARE", "_STEP_NOISE", "_DEPTH_MM", "_WINDOW_MM", "_SURROUNDINGS_MM")),
     *((star_surface, name) for name in ("STEP_SHARE", "_SLOW", "_NOISE", "_CROSSED", "_RISEN", "_STIFFNESS", "_END")),
     *((star_surface, name) for name in ("_SHADING", "_STEP_MM", "_BLUR_MM", "AN_EDGE")),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
-    *((lobes, name) for name in ("_BRIDGE_MM", "_BRIDGE_SHARE")),
     *((growing, name) for name in ("_MOST_TIMES_SEEN", "_FRAGMENT")),
     (sphere, "_STEEP"),
 )

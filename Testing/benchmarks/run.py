@@ -26,6 +26,7 @@ BENCHMARKS = {
     "accuracy": ("accuracy.report", "Surfaces against truth and experts: fitted, smoothed triangles, the paper"),
     "experts": ("experts.report", "One click in real MRI"),
     "clicks": ("clicks.report", "Clicks anywhere"),
+    "verdicts": ("verdicts.report", "Verdicts on real MRI that was changed"),
     "constants": ("constants.report", "Half and twice each constant of the separation"),
     "nets": ("nets.report", "Control nets of different sizes"),
     "volumes": ("phantom_volumes.report", "Volumes of the demo's organs in other voxels"),
@@ -50,7 +51,7 @@ BENCHMARKS = {
     "clone": ("fresh_clone.report", "The two commands in a fresh clone"),
 }
 # Left out unless asked for.
-LONG = ("confidence", "meshes", "clicks", "constants", "kills", "clone")
+LONG = ("confidence", "meshes", "clicks", "verdicts", "constants", "kills", "clone")
 
 
 def report(name: str, *, quick: bool) -> str:

@@ -13,7 +13,6 @@ from ..messages import Diagnostic
 from .checks import check_leak, check_pieces, check_scale, fills_volume
 from .edge_support import agreement, edge_support
 from .growing import grown_region
-from .lobes import without_lobes
 from .ray_edges import levels_at
 from .ray_origins import CLICK_MM
 from .seeds import checked_seeds
@@ -21,8 +20,8 @@ from .star_region import star_region
 from .star_surface import Star, find_star
 
 # Dice coefficients from which two regions are the same organ, and have the same shape. Seen where both are right: 0.98
-# and more. With a lobe, or a dark part left out: up to 0.97. Below 0.8 one has leaked, is a fragment, or is bent.
-_SAME_ORGAN, _SAME_SHAPE = 0.85, 0.975
+# and more. With a lobe, or a dark part left out: below 0.97. Below 0.8 one has leaked, is a fragment, or is bent.
+_SAME_ORGAN, _SAME_SHAPE = 0.85, 0.97
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
 # Nor is one found in surroundings whose contrast is less than so many standard deviations of the noise: noise alone has
@@ -36,8 +35,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
-    Where both find the same organ, the first is taken without its lobes, or the second if the first leaves a part out
-    or has less of an edge along its boundary; where they differ, that with more of an edge.
+    Where both have the same shape, the first is taken; where the first has lobes or leaves a part out, the second,
+    unless the first is larger and has more of an edge along its boundary; where they differ, that with more of an edge.
 
     Parameters
     ----------
@@ -110,12 +109,6 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
             raise refused
         return shaped
     alike = agreement(grown, shaped)
-    if _SAME_ORGAN <= alike < _SAME_SHAPE:
-        # A cut is right if it brings both nearer to each other.
-        grown, alike = max(
-            ((part, agreement(part, shaped)) for part in (grown, without_lobes(image, grown, shaped))),
-            key=lambda found: found[1],
-        )
     if alike >= _SAME_SHAPE:
         return grown
     if alike >= _SAME_ORGAN:

@@ -36,6 +36,8 @@ _SLOW, _NOISE = 0.06, 2.0
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.5
 # The first look is from the place given, the others from the middle of what was seen.
 _LOOKS = 3
+# The last look is taken whose cost is the least one, or higher by this at most.
+_AS_GOOD = 0.05
 # A last look follows more directions, near the surface that was found: so many samples to either side.
 _FINE, _NEAR = 5, 10
 # Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
@@ -164,11 +166,12 @@ def _around(image: Image, seed: np.ndarray) -> Image:
 
 def _found(image: Image, sampler: Sampler, axes: np.ndarray, seed: np.ndarray, sign: float) -> Star:
     """Look for an edge where the level falls (sign 1), or rises (-1), again and again from the middle."""
-    star = _look(sampler, axes, seed, sign)
-    for _ in range(_LOOKS - 1):
-        center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
-        star = _look(sampler, axes, center, sign)
-    return star
+    stars, center = [], seed
+    for _ in range(_LOOKS):
+        stars.append(_look(sampler, axes, center, sign))
+        center = image.to_ras(np.clip(image.to_ijk(stars[-1].middle[None]), 0.0, image.size - 1.0))[0]
+    least = min(star.cost for star in stars)
+    return next(star for star in reversed(stars) if star.cost <= least + _AS_GOOD)
 
 
 def _look(sampler: Sampler, axes: np.ndarray, center: np.ndarray, sign: float) -> Star:

@@ -1,0 +1,101 @@
+"""Whether a verdict holds on images it was not set on: real bladders that were changed, with noise for instance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from bladders import HARD, NAMES, Bladder, bladders, other_seeds
+from clicks import clicked
+from measuring import table
+
+from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.registration.verdict import GOOD, VERDICTS
+
+N_PLACES, N_POINTS = 2, 1500
+# What "good" means, and how often it must be so.
+GOOD_MM, GOOD_SHARE = 1.5, 0.95
+# Standard deviation of the noise and strength of the bias, shares of the 95th percentile of the grey levels.
+_NOISE, _BIAS = 0.04, 0.4
+# Share of the organ's slices that is cut off at the top, and exponent of the grey levels.
+_CUT, _GAMMA = 0.15, 0.6
+
+Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def mirrored(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Exchange left and right."""
+    return grey[:, :, ::-1], mask[:, :, ::-1]
+
+
+def cut(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """End the volume within the organ."""
+    slices = np.flatnonzero(mask.any(axis=(1, 2)))
+    last = slices[-1] - int(_CUT * len(slices))
+    return grey[:last], mask[:last]
+
+
+def with_noise(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Add noise of a Rician distribution, as in MRI."""
+    width = _NOISE * np.quantile(grey, 0.95)
+    noise = width * np.random.default_rng(0).standard_normal((2, *grey.shape))
+    return np.rint(np.hypot(grey + noise[0], noise[1])), mask
+
+
+def with_bias(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Let the signal fall off towards the front, as far from a coil."""
+    away = np.linspace(-1.0, 1.0, grey.shape[1])[:, None]
+    return np.rint(grey * (1.0 + _BIAS * away)), mask
+
+
+def with_other_contrast(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Raise dark levels more than bright ones."""
+    return np.rint(grey.max() * (grey / grey.max()) ** _GAMMA), mask
+
+
+CHANGES: dict[str, Change] = {
+    "mirrored": mirrored,
+    "cut": cut,
+    "noise": with_noise,
+    "bias": with_bias,
+    "contrast": with_other_contrast,
+}
+
+
+def changed(bladder: Bladder, change: Change) -> Bladder:
+    """Change an image and its lumen alike."""
+    mask = np.zeros(bladder.image.array.shape, dtype=bool)
+    lumen = bladder.lumen
+    mask[tuple(slice(first, first + size) for first, size in zip(lumen.offset, lumen.mask.shape))] = lumen.mask
+    grey, mask = change(bladder.image.array.astype(float), mask)
+    image = Image(np.ascontiguousarray(grey, dtype=np.float32), bladder.image.ijk_to_ras)
+    return replace(
+        bladder, image=image, lumen=region_from_mask(image, np.ascontiguousarray(mask), largest_component=True)
+    )
+
+
+def report(*, quick: bool) -> str:
+    """Fit every changed bladder from places anywhere in it, and compare the verdict with the distance."""
+    found: list[tuple[str, str, float]] = []
+    for bladder in bladders(names=NAMES[:1] if quick else NAMES + HARD):
+        for name, change in CHANGES.items():
+            case = changed(bladder, change)
+            truth = points_on(closed_mesh(mesh_of_mask(case.lumen.image)), N_POINTS)
+            places = other_seeds(case, 1 if quick else N_PLACES)
+            found += [(name, *clicked(case.image, seed, truth)) for seed in places]
+    if not found:
+        return "  The data is absent."
+    rows = [["change", "clicks", *VERDICTS, "refused", "invalid", "good and under 1.5 mm", "worst good mm"]]
+    for name in (*CHANGES, "all"):
+        own = [(word, away) for change, word, away in found if name in (change, "all")]
+        good = np.array([away for word, away in own if word == GOOD])
+        counts = [str(sum(word == which for word, _ in own)) for which in (*VERDICTS, "refused", "invalid")]
+        worst = f"{good.max():.2f}" if len(good) else "-"
+        rows.append([name, str(len(own)), *counts, f"{np.count_nonzero(good < GOOD_MM)} of {len(good)}", worst])
+    return (
+        f"  One click anywhere in the lumen. Asked for: {GOOD_SHARE:.0%} of what is called good lies under "
+        f"{GOOD_MM:g} mm\n  from the experts' lumen.\n\n{table(rows)}"
+    )
