@@ -111,17 +111,43 @@ def test_the_message_has_figures_and_what_to_know(fit, volume, nodes):
     assert sum(line.startswith("Estimated by the generic model, not seen in the image") for line in lines) == 1
 
 
-def test_what_the_fit_does_not_use_is_said(fit, logic, volume, nodes, pelvis):
+def test_points_on_the_wall_are_said_not_to_be_used(fit, logic, volume, nodes):
     from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf
 
     fit()
     assert "not used" not in nodes.messageOf(volume)
     boundaryPointsOf(organ_of(logic, "vagina"), volume).AddControlPointWorld(0.0, 0.0, 0.0)
-    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="axial")]
     fit()
     lines = nodes.messageOf(volume).split("\n")
     assert "vagina: its points on the wall are not used by the fit of a model." in lines
-    assert "The further stacks are not used by the fit of a model." in lines
+
+
+def test_organs_are_fitted_to_further_stacks(fit, logic, volume, nodes, pelvis):
+    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="again")]
+    found = fit()
+    # The same image a second time: nothing has moved.
+    for organ in found.organs.values():
+        (stack,) = organ.stacks
+        assert stack.used
+        assert np.linalg.norm(stack.translation_mm) < 0.1
+    assert "bladder 0.0 mm, 0.0 degrees in again" in nodes.messageOf(volume)
+
+
+def test_a_stack_under_a_transform_that_bends_is_left_out(fit, logic, volume, nodes, pelvis):
+    bent = mrml_scenes.add_nonlinear_transform(mrml_scenes.thin_plate_spline())
+    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="bent", under=bent)]
+    assert fit().organs["bladder"].stacks == ()
+    assert "The stack bent was left out." in nodes.messageOf(volume)
+
+
+def test_a_stack_is_deleted_meanwhile(logic, steps, pelvis, scene):
+    stack = mrml_scenes.add_volume(pelvis.image, name="again")
+    logic.getParameterNode().furtherStacks = [stack]
+    running = steps()
+    run_until(running, "vagina: separating")
+    scene.RemoveNode(stack)
+    with pytest.raises(ValueError, match="stack again was deleted"):
+        next(running)
 
 
 def test_the_fills_of_its_organs_are_hidden(fit, logic):

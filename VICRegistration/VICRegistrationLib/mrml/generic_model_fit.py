@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from slicer.i18n import tr as _
 
+from ..messages import Diagnostic
 from .fitting import separateOrgan
 from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, placedLandmarks
 from .generic_model_nodes import showModel
@@ -14,6 +15,7 @@ from .organs import Organs
 from .parameters import ModuleParameters
 from .points import placedPoints
 from .sentences import sentence
+from .stacks import stacksToFit
 from .volumes import imageFromVolume
 
 
@@ -69,7 +71,8 @@ def modelSteps(parameters, organs, volumeNode):
     ----------
     parameters : GenericModelParameters
     organs : iterable of OrganParameters
-        All of the table; those that the model has are fitted, with their own options.
+        All of the table; those that the model has are fitted, with their own options, to the further stacks too that
+        are chosen in the panel.
     volumeNode : vtkMRMLScalarVolumeNode
 
     Yields
@@ -96,14 +99,16 @@ def modelSteps(parameters, organs, volumeNode):
     check_organs(model, options)
     landmarks = placedLandmarks(parameters.modelLandmarks, volumeNode)
     check_names(model, landmarks)
-    needed = _Needed(pairs, volumeNode)
-    regions, warnings = {}, _notUsed(parameters, pairs, volumeNode)
+    chosen = [node for node in ModuleParameters(parameters.parameterNode).furtherStacks if node is not volumeNode]
+    stacks, leftOut = stacksToFit(volumeNode, [node for node in chosen if node is not None])
+    needed = _Needed(pairs, volumeNode, stacks)
+    regions, warnings = {}, _notUsed(pairs, leftOut)
     for name, organ in pairs.items():
         yield ModelStep(_("{organ}: separating").format(organ=organ.label))
         needed.check()
         regions[name], found = separateOrgan(organ, volumeNode)
         warnings += [f"{organ.label}: {warning}" for warning in found]
-    steps = fit_model(image, model, regions, options, landmarks=landmarks)
+    steps = fit_model(image, model, regions, options, landmarks=landmarks, further=tuple(stacks.values()))
     fit = yield from _followed(steps, needed)
     warnings += yield from _examined(image, fit, pairs, needed)
     for organ in pairs.values():
@@ -157,9 +162,10 @@ def _followed(steps, needed):
 class _Needed:
     """Nodes that a fit cannot do without, and their names."""
 
-    def __init__(self, pairs, volumeNode):
+    def __init__(self, pairs, volumeNode, stackNodes):
         self._nodes = [(volumeNode, _("volume {name}").format(name=volumeNode.GetName()))]
         self._nodes += [(organ.parameterNode, _("organ {name}").format(name=organ.label)) for organ in pairs.values()]
+        self._nodes += [(node, _("stack {name}").format(name=node.GetName())) for node in stackNodes]
 
     def check(self):
         for node, what in self._nodes:
@@ -171,17 +177,17 @@ class _Needed:
                 )
 
 
-def _notUsed(parameters, pairs, volumeNode):
-    """Say what fits of single organs use, and the fit of a model does not."""
+def _notUsed(pairs, leftOut):
+    """Say which points and stacks the fit of a model does not use."""
     found = [
         _("{organ}: its points on the wall are not used by the fit of a model.").format(organ=organ.label)
         for organ in pairs.values()
         if len(placedPoints(organ.boundaryPoints))
     ]
-    stacks = ModuleParameters(parameters.parameterNode).furtherStacks
-    if any(node is not None and node is not volumeNode for node in stacks):
-        found.append(_("The further stacks are not used by the fit of a model."))
-    return found
+    return found + [
+        sentence(Diagnostic("stack_left_out", {"stack": node.GetName(), "reason": record.reason}))
+        for node, record in leftOut.items()
+    ]
 
 
 def _optionsOf(organ):
@@ -206,6 +212,19 @@ def _summary(fit, pairs):
     if fit.sliding:
         part, distance = max(fit.sliding.items(), key=lambda item: item[1])
         lines.append(_("Attachments slid by up to {distance} mm: {part}").format(distance=f"{distance:.2f}", part=part))
+    moved = [_motion(name, stack) for name in pairs for stack in fit.organs[name].stacks if stack.used]
+    if moved:
+        lines.append(_("Motion in further stacks: {motions}").format(motions="; ".join(moved)))
     if fit.landmarks:
         lines.append(_("Landmarks are met within {distance} mm").format(distance=f"{max(fit.landmarks.values()):.1f}"))
     return lines
+
+
+def _motion(name, stack):
+    """How far an organ is moved in a further stack, in words."""
+    return _("{organ} {shift} mm, {turn} degrees in {stack}").format(
+        organ=name,
+        shift=f"{(stack.translation_mm @ stack.translation_mm) ** 0.5:.1f}",
+        turn=f"{stack.rotation_degrees:.1f}",
+        stack=stack.name,
+    )
