@@ -7,10 +7,9 @@ from unittest import mock
 
 import numpy as np
 from bladders import HARD, NAMES, bladders
-from experts import N_POINTS, started
+from experts import drawn_surface, started
 from measuring import table
 
-from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
 from VICRegistrationLib.segmentation import growing, ray_edges, sphere, star_region, star_surface
 
 CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
@@ -27,20 +26,20 @@ LIMIT_MM = 1.5
 def report(*, quick: bool) -> str:
     """Fit each bladder from its deepest place with one constant changed."""
     cases = bladders(names=(NAMES + HARD)[:2] if quick else NAMES + HARD)
-    points = [points_on(closed_mesh(mesh_of_mask(bladder.lumen.image)), N_POINTS) for bladder in cases]
+    drawn = [drawn_surface(bladder) for bladder in cases]
     rows = [["constant", *(bladder.name.rpartition("_")[2] for bladder in cases), f"under {LIMIT_MM:g} mm"]]
-    rows.append(_row("as they are", cases, points))
+    rows.append(_row("as they are", cases, drawn))
     for module, name in CONSTANTS[:2] if quick else CONSTANTS:
         for factor in (0.5, 2.0):
             # Strengths of an edge go up to 1.
             value = min(factor * getattr(module, name), 0.9 if name == "AN_EDGE" else np.inf)
             with mock.patch.object(module, name, value):
-                rows.append(_row(f"{module.__name__.rpartition('.')[2]}.{name} x {factor:g}", cases, points))
+                rows.append(_row(f"{module.__name__.rpartition('.')[2]}.{name} x {factor:g}", cases, drawn))
     return "  Mean distance of the experts' lumen from the fitted surface, mm, from the deepest place.\n\n" + table(
         rows
     )
 
 
-def _row(title: str, cases: list, points: list) -> list[str]:
-    means = [started(bladder, there, bladder.seed).mean for bladder, there in zip(cases, points)]
+def _row(title: str, cases: list, drawn: list) -> list[str]:
+    means = [started(bladder, there, bladder.seed).mean for bladder, there in zip(cases, drawn)]
     return [title, *(f"{mean:.2f}" for mean in means), f"{np.count_nonzero(np.array(means) < LIMIT_MM)}"]

@@ -10,8 +10,14 @@ from bladders import HARD, NAMES, Bladder, bladders, other_seeds
 from measuring import table
 from surfaces import contour_in_world, smoothed_contour
 
-from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh, mesh_of_mask, points_on, signed_distances
-from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.analysis.comparison import distances_from
+from VICRegistrationLib.analysis.distances import (
+    Reference,
+    ReferenceMesh,
+    closed_mesh,
+    mesh_of_mask,
+    points_on,
+)
 from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
 
 N_PLACES = 8
@@ -34,8 +40,9 @@ class Started:
         From the click to the surface.
     surface : str
         What the fit said of itself, or why there is none.
-    triangles : float
-        Mean distance of the same points from smoothed triangles of the same region, as Slicer makes them, mm.
+    both, triangles : float
+        Mean distances both ways, mm: of the fitted surface, and of smoothed triangles of the same region, as Slicer
+        makes them.
     """
 
     mean: float
@@ -43,22 +50,35 @@ class Started:
     dice: float
     seconds: float
     surface: str
+    both: float = np.inf
     triangles: float = np.inf
 
 
-def started(bladder: Bladder, points: np.ndarray, seed: np.ndarray) -> Started:
-    """Fit one bladder from one place with default options, and measure it at points of the experts' surface."""
+def drawn_surface(bladder: Bladder) -> Reference:
+    """Surface of the lumen that the experts drew, RAS mm."""
+    return closed_mesh(mesh_of_mask(bladder.lumen.image))
+
+
+def distances(reference: Reference, surface: Reference) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of points on a reference from a surface, and of points on the surface from the reference, mm."""
+    there = np.abs(distances_from(surface, points_on(reference, N_POINTS)))
+    return there, np.abs(distances_from(reference, points_on(surface, N_POINTS)))
+
+
+def started(bladder: Bladder, reference: Reference, seed: np.ndarray) -> Started:
+    """Fit one bladder from one place with default options, and measure it against the experts' surface."""
     start = time.perf_counter()
     try:
         fit = finish(fit_organ(bladder.image, seed))
     except ValueError as error:
         return Started(np.inf, np.inf, 0.0, time.perf_counter() - start, str(error).split(";")[0])
     seconds = time.perf_counter() - start
-    away = np.abs(closest_points(fit.surface, points).distances)
     corners, triangles, _ = contour_in_world(smoothed_contour(fit.region), fit.region)
-    theirs = np.abs(signed_distances(closed_mesh(ReferenceMesh(corners, triangles)), points))
+    away, back = distances(reference, fit.surface)
+    theirs = distances(reference, closed_mesh(ReferenceMesh(corners, triangles)))
     sizes = float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit)
-    return Started(*sizes, seconds, kind(fit), float(theirs.mean()))
+    both = (float(np.concatenate(pair).mean()) for pair in ((away, back), theirs))
+    return Started(*sizes, seconds, kind(fit), *both)
 
 
 def overlap(bladder: Bladder, fit: OrganFit) -> float:
@@ -76,32 +96,32 @@ def kind(fit: OrganFit) -> str:
     return ", ".join(problem.kind for problem in fit.problems) or "valid"
 
 
-def both_ways(found: dict[str, list[Started]]) -> str:
-    """Medians and worst of all clicks into each bladder, and into all of them: fitted, and triangles."""
+def by_case(found: dict[str, list[Started]]) -> str:
+    """Distances both ways, medians and worst of all clicks into each bladder, and into all of them."""
     title = ["real case", "clicks", "fitted: median mm", "worst mm", "triangles: median mm", "worst mm"]
     rows = [title]
     everything = [one for clicks in found.values() for one in clicks]
     for name, ones in [*found.items(), ("all", everything)]:
-        sizes = [[one.mean for one in ones], [one.triangles for one in ones]]
+        sizes = [[one.both for one in ones], [one.triangles for one in ones]]
         rows.append([name, str(len(ones)), *(f"{part(size):.2f}" for size in sizes for part in (np.median, max))])
     return table(rows)
 
 
 def report(*, quick: bool) -> str:
     """Fit each bladder from its deepest place, and from places anywhere in its lumen."""
-    rows = [["bladder", "place", "mean mm", "95 % mm", "triangles: mean mm", "Dice", "s", "surface"]]
+    rows = [["bladder", "place", "mean mm", "95 % mm", "both ways", "triangles", "Dice", "s", "surface"]]
     deepest, anywhere, seconds, cases = [], [], {}, {}
     for bladder in bladders(names=NAMES + HARD):
-        points = points_on(closed_mesh(mesh_of_mask(bladder.lumen.image)), N_POINTS)
+        reference = drawn_surface(bladder)
         places = [] if quick else list(other_seeds(bladder, N_PLACES))
-        found = [started(bladder, points, seed) for seed in (bladder.seed, *places)]
+        found = [started(bladder, reference, seed) for seed in (bladder.seed, *places)]
         cases[bladder.name.split("_")[-1]] = found
         deepest.append(found[0].mean)
         anywhere += [one.mean for one in found[1:]]
         seconds[bladder.name] = np.median([one.seconds for one in found])
         rows += [
             [bladder.name, str(number or "deepest"), f"{one.mean:.2f}", f"{one.p95:.2f}"]
-            + [f"{one.triangles:.2f}", f"{one.dice:.3f}", f"{one.seconds:.1f}", one.surface]
+            + [f"{one.both:.2f}", f"{one.triangles:.2f}", f"{one.dice:.3f}", f"{one.seconds:.1f}", one.surface]
             for number, one in enumerate(found)
         ]
     if not deepest:
@@ -113,14 +133,14 @@ def report(*, quick: bool) -> str:
         summary += [[where, str(len(found)), *under, f"{max(found):.2f}"]] if found else []
     return "\n\n".join(
         [
-            "  One click and default options. Distances: from points of the experts' lumen to the fitted surface. "
-            "Dice: of the\n  separated region. Deepest: the place in the lumen that is farthest from its wall; others: "
-            "anywhere in it, at random.",
+            "  One click and default options. Mean and 95 %: from points of the experts' lumen to the fitted surface. "
+            "Both ways: the mean\n  of these and of the distances back. Triangles: the same of marching cubes and "
+            "smoothing as in Slicer, of the same region.\n  Dice: of the separated region. Deepest: the place in the "
+            "lumen that is farthest from its wall; others: anywhere in it, at\n  random.",
             table(rows),
             table(summary),
-            "  Mean distances, over all of these clicks. Triangles: marching cubes and smoothing as in Slicer, of the "
-            "same region.",
-            both_ways(cases),
+            "  Mean distances both ways, over all of these clicks.",
+            by_case(cases),
             f"  The slowest, {slowest}, takes {seconds[slowest] / np.median(list(seconds.values())):.1f} times as long "
             "as the median one (medians over the places).",
         ]
