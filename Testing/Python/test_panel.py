@@ -91,7 +91,8 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
 
     ends = []
     command = Command(["phantom", str(tmp_path / "out")], print, lambda *end: ends.append(end), patience=10**9)
-    LOOP.wait(500)
+    # A library written in C may crash if it is ended while it is imported: after the imports a draft is there.
+    LOOP.waitFor(lambda: len(list(tmp_path.iterdir())) > 1)
     command.cancel()
     LOOP.waitFor(lambda: ends)
     assert ends == [(143, "")]
