@@ -159,6 +159,14 @@ def test_a_second_stack_makes_the_surface_more_certain(alone, both):
     assert both.confidence.deviations.mean() < 0.85 * alone.confidence.deviations.mean()
 
 
+@pytest.mark.parametrize("again", ["the first image", "a stack"])
+def test_voxels_that_would_count_twice_are_refused(sagittal, axial, again):
+    copy = vic.Image(sagittal.array.copy(), sagittal.ijk_to_ras)
+    further = [vic.Stack(copy, "copy")] if again == "the first image" else [axial, axial]
+    with pytest.raises(ValueError, match="same voxels as the (first image|stack stack 2); give each stack once"):
+        vic.fit(sagittal, SEEDS, further=further)
+
+
 def test_what_is_no_stack_is_refused(sagittal):
     with pytest.raises(TypeError, match="as a list"):
         as_stacks(sagittal)

@@ -22,7 +22,7 @@ from ..registration.options import FitOptions
 from ..registration.organ import OrganFit
 from ..registration.region_image import region_image
 from ..registration.schedule import REGION_MARGIN_MM
-from ..registration.stacks import Stack, as_stacks
+from ..registration.stacks import Stack, stacks_beside
 from .carrying import CarryingMap
 from .check import patch_samples, through_cords, through_organs
 from .joint import CLOSURE, JointStep
@@ -202,7 +202,7 @@ def fit_model(
     landmarks = {name: np.asarray(point, dtype=float) for name, point in (landmarks or {}).items()}
     check_organs(model, options)
     check_names(model, landmarks)
-    found = yield from fit_organs(image, model.parents, regions, options, _stacks_of(further, list(regions)))
+    found = yield from fit_organs(image, model.parents, regions, options, _stacks_of(image, further, list(regions)))
     surfaces = {name: fit.surface for name, fit in found.fits.items()}
     carry = CarryingMap(model.parents, surfaces)
     distances = {}
@@ -246,11 +246,11 @@ def finish(steps: Iterator[JointStep], on_step: Callable[[JointStep], None] | No
 
 
 def _stacks_of(
-    further: Sequence[Further] | Mapping[str, Sequence[Further]], names: Sequence[str]
+    image: Image, further: Sequence[Further] | Mapping[str, Sequence[Further]], names: Sequence[str]
 ) -> dict[str, tuple[Stack, ...]]:
     """Further stacks of each organ."""
     if not isinstance(further, Mapping):
-        return dict.fromkeys(names, as_stacks(further))
+        return dict.fromkeys(names, stacks_beside(image, further))
     unknown = [name for name in further if name not in names]
     if unknown:
         msg = (
@@ -258,7 +258,7 @@ def _stacks_of(
             f"{', '.join(names)}. Leave them out, or give a region."
         )
         raise ValueError(msg)
-    return {name: as_stacks(further.get(name, ())) for name in names}
+    return {name: stacks_beside(image, further.get(name, ())) for name in names}
 
 
 def _predicted(

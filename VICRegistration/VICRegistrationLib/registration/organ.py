@@ -44,7 +44,7 @@ from .nets import net_of, net_text, sampled_net
 from .options import FitOptions
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
-from .stacks import Stack, StackUse, as_stacks
+from .stacks import Stack, StackUse, stacks_beside
 from .stages import Step, last_step
 
 
@@ -179,7 +179,7 @@ def fit_organ(
         If the organ cannot be separated, or a boundary point cannot be used.
     """
     image, options = as_image(image), options or FitOptions()
-    points, stacks = checked_boundary_points(boundary_points), as_stacks(further)
+    points, stacks = checked_boundary_points(boundary_points), stacks_beside(image, further)
     region = separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
     return (yield from fit_region(image, region, options, boundary_points=points, further=stacks))
 
@@ -223,7 +223,7 @@ def fit_region(
     """
     start, image, options = time.perf_counter(), as_image(image), options or FitOptions()
     check_scale(image)
-    points, stacks = checked_boundary_points(boundary_points), as_stacks(further)
+    points, stacks = checked_boundary_points(boundary_points), stacks_beside(image, further)
     history: list[Step] = []
     whole = region
     if stacks and region.touches_border:

@@ -18,7 +18,7 @@ from .nets import closure_of, net_of, sampled
 from .options import FitOptions
 from .organ import OrganFit, Outcome, completed, pulling, recorded
 from .schedule import ANCHOR, Schedule
-from .stacks import Stack, as_stacks
+from .stacks import Stack, stacks_beside
 from .stages import Step, last_step
 
 # A surface whose cost falls by more than this share as soon as it is let go does not lie at its edge. Those that were
@@ -72,7 +72,7 @@ def refit(
     """
     start, image = time.perf_counter(), as_image(image)
     points = checked_boundary_points(boundary_points)
-    stacks = JointStacks(as_stacks(further), np.eye(4))
+    stacks = JointStacks(stacks_beside(image, further), np.eye(4))
     closure = closure_of(surface)
     options = (options or FitOptions()).filled_in(closure=closure, net=net_of(surface, closure))
     if region is not None:

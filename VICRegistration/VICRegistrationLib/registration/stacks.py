@@ -152,6 +152,42 @@ def as_stacks(further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Sta
     return tuple(stacks)
 
 
+def stacks_beside(image: Image, further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Stack, ...]:
+    """Take stacks as :func:`as_stacks` does, and refuse one that is the first image, or that is given twice.
+
+    Parameters
+    ----------
+    image : Image
+        The first one.
+    further : sequence of Stack, Image or path
+
+    Returns
+    -------
+    tuple of Stack
+
+    Raises
+    ------
+    TypeError
+        As :func:`as_stacks`.
+    ValueError
+        As :func:`as_stacks`, or if the same voxels would count twice: the standard deviations would be too small.
+    """
+    stacks = as_stacks(further)
+    known = [("the first image", image)]
+    for stack in stacks:
+        twin = next((name for name, other in known if _same(other, stack.image)), None)
+        if twin is not None:
+            msg = f"The further stack {stack.name} has the same voxels as {twin}; give each stack once."
+            raise ValueError(msg)
+        known.append((f"the stack {stack.name}", stack.image))
+    return stacks
+
+
+def _same(one: Image, other: Image) -> bool:
+    """Whether two images have the same voxels at the same places."""
+    return one is other or (np.array_equal(one.ijk_to_ras, other.ijk_to_ras) and np.array_equal(one.array, other.array))
+
+
 def _checked_motion(motion) -> np.ndarray:
     """Refuse a motion that is not a rigid one."""
     matrix = np.asarray(motion, dtype=float)
