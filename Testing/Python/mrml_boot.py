@@ -37,6 +37,14 @@ LISTED = (
     "vtkMRMLTextNode",
 )
 
+# What tests add and closing a scene keeps.
+SINGLETONS = (
+    "vtkMRMLScriptedModuleNode",
+    "vtkMRMLAbstractViewNode",
+    "vtkMRMLSliceCompositeNode",
+    "vtkMRMLCameraNode",
+)
+
 COLOURS = {
     "GenericColors": ((0.0, 0.5, 1.0), (1.0, 0.5, 0.0)),
     "Viridis": ((0.27, 0.0, 0.33), (0.23, 0.32, 0.55), (0.13, 0.57, 0.55), (0.37, 0.79, 0.38), (0.99, 0.91, 0.14)),
@@ -89,14 +97,15 @@ def boot():
 def clear(scene):
     """Empty the scene as at the start of Slicer.
 
-    Unlike closing the scene in Slicer, which keeps the singleton parameter nodes of modules with their values reset,
-    this removes them too.
+    Unlike closing the scene in Slicer, which keeps singleton nodes with their values reset, this removes the parameter
+    nodes of modules and the views too. Otherwise the view "Red" of a test finds that of another test beside it.
     """
     scene.Clear(0)
-    nodes = scene.GetNodesByClass("vtkMRMLScriptedModuleNode")
-    nodes.UnRegister(None)
-    for node in [nodes.GetItemAsObject(i) for i in range(nodes.GetNumberOfItems())]:
-        scene.RemoveNode(node)
+    for name in SINGLETONS:
+        nodes = scene.GetNodesByClass(name)
+        nodes.UnRegister(None)
+        for node in [nodes.GetItemAsObject(i) for i in range(nodes.GetNumberOfItems())]:
+            scene.RemoveNode(node)
 
 
 def _logic(application, scene, name, cls):

@@ -121,6 +121,37 @@ def test_the_contour_is_drawn_where_the_slice_cuts_the_surface(name, model, draw
     assert np.linalg.norm(on_slice[:, None] - found, axis=2).min(axis=1).max() < tolerance + 0.3
 
 
+def test_a_slice_view_shows_the_contour_at_the_position_of_the_stack_in_it(slicer_module, volume, stand_ins):
+    import mrml_scenes
+    from mrml_references import add_organ
+    from slicer_views import SliceView
+
+    from VICRegistrationLib.mrml.organ_nodes import paint
+    from VICRegistrationLib.mrml.stack_contours import chooseViews, showStackContours
+    from VICRegistrationLib.mrml.stacks import StackRecord, keepStacks
+
+    organ, stack = add_organ(mrml_scenes.logic(), "organ", volume), mrml_scenes.add_volume(name="AX")
+    stack.CreateDefaultDisplayNodes()
+    organ.color = tuple(COLOR)
+    paint(organ)
+    moved, grid = np.eye(4), ellipsoid_image().ijk_to_ras
+    moved[:3, 3] = [8.0, -3.0, 0.0]
+    record = StackRecord(True, motion=tuple((np.linalg.inv(grid) @ moved @ grid).ravel()))
+    keepStacks(organ, volume, [], [], {stack: record})
+    view = SliceView(volume.GetScene(), stand_ins.application, "Red", SIZE)
+    volume.GetScene().AddNewNodeByClass("vtkMRMLViewNode")
+    showStackContours(organ, volume)
+    try:
+        for shown, shift in ((volume, np.zeros(3)), (stack, moved[:3, 3]), (volume, np.zeros(3))):
+            view.show(shown, CENTER, HEIGHT_MM)
+            chooseViews()
+            found = places("Red", *pixels_like(view.picture() / 255.0, COLOR).T)
+            assert len(found) > 100
+            assert np.abs(depths(found - shift)).max() < 1.5 * PIXEL_MM + 0.1
+    finally:
+        view.close()
+
+
 @pytest.mark.parametrize("name", DIRECTIONS)
 def test_the_patient_is_turned_as_in_slicer(name, mark, draw_slice):
     right, up = (np.array(direction) for direction in DIRECTIONS[name])

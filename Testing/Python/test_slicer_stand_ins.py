@@ -77,6 +77,9 @@ def test_each_test_starts_with_an_empty_scene(scene, visit):
     assert scene.GetNumberOfNodesByClass("vtkMRMLScriptedModuleNode") == 0
     node = scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode", f"left behind {visit}")
     node.SetSingletonTag("left")
+    for kind in ("vtkMRMLSliceNode", "vtkMRMLSliceCompositeNode", "vtkMRMLViewNode"):
+        assert scene.GetNumberOfNodesByClass(kind) == 0
+        scene.AddNewNodeByClass(kind).SetLayoutName("Red")
 
 
 def test_nodes_come_back_from_a_scene_bundle(scene, tmp_path):
