@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from ..multipatch.fit import ModelFit
 from ..multipatch.model import Part
 from ..multipatch.model_files import MODEL, MODEL_STEP, MODEL_VTP, write_model_files
-from ..multipatch.picture import draw_model, model_figure
+from ..multipatch.picture import model_figure
 from ..report.contents import ReportedModel
+from ..report.figure import save_figure
 
 MODEL_PICTURE = "model.png"
 _TITLES = ("part", "kind", "from", "volume or thickness", "distance from the region", "sliding")
@@ -63,7 +65,7 @@ class ModelResults:
         if problem:
             warn(f"model: warning: {problem}")
         if pictures:
-            draw_model(self.fit.model, folder / MODEL_PICTURE)
+            save_figure(self._figure, folder / MODEL_PICTURE)
             names.append(MODEL_PICTURE)
         return names
 
@@ -108,8 +110,13 @@ class ModelResults:
             [self._row(each) for each in fit.model.parts],
             _TITLES,
             notes,
-            model_figure(fit.model),
+            self._figure,
         )
+
+    @cached_property
+    def _figure(self):
+        """The picture that is a file and on the page."""
+        return model_figure(self.fit.model)
 
     def _row(self, part: Part) -> tuple[str, ...]:
         fit = self.fit
