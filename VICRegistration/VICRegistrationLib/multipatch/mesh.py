@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def mesh_model(
             f"{100.0 * options.volume_error:g} % allowed; choose smaller elements, second order, or allow more."
         )
         raise MeshingError(msg)
-    return mesh
+    return replace(mesh, notes=(*through_organs(model), *through_cords(model), *mesh.notes))
 
 
 def solid_volume(model: MultiPatchModel, part: Part) -> float:
@@ -163,7 +164,7 @@ def _assembled(
     """Put what gmsh has found into groups."""
     points, tetrahedra, triangles = arrays["points"] * RAS_TO_LPS, arrays["tetrahedra"], arrays["triangles"].copy()
     _turn_outward(model, solids, tetrahedra, arrays["regions"], triangles, arrays["faces"])
-    notes = [*through_organs(model), *through_cords(model)]
+    notes = []
     if order == 2:
         points, tetrahedra, triangles, flattened = with_middles(
             model, points, tetrahedra, triangles, arrays["faces"], least_quality=LEAST_QUALITY
