@@ -6,7 +6,7 @@ Run as ``python -m VICRegistrationLib.meshing.gmsh_worker JOB``: gmsh is GPL, an
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import gmsh
 import numpy as np
@@ -15,9 +15,9 @@ from .elements import scaled_jacobians
 from .process import JobError, Workplace, main
 
 # gmsh's algorithms for the surfaces and for the inside, and a factor on the sizes: tried in turn until a mesh is good.
-WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
+_WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
 # Another way is tried only while no more of the time limit than this is spent.
-TIME_FOR_TRIES = 0.3
+_TIME_FOR_TRIES = 0.3
 # Relative difference of volumes at which a cut has failed.
 _MISCUT = 1e-3
 # gmsh's numbers of elements by their number of nodes: triangles and tetrahedra, linear and second order.
@@ -25,7 +25,7 @@ KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
 # gmsh numbers the middles of the last two edges of a tetrahedron the other way round.
 _NODES = {10: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
 # Sizes come from nothing but what is set here.
-FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
+_FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
 
 
 def work(place: Workplace) -> None:
@@ -49,23 +49,13 @@ def start() -> None:
 
 
 def _fill(place: Workplace) -> None:
-    """Mesh the regions with tetrahedra, in one way after the other until a mesh is good or the time is short."""
+    """Mesh the regions with tetrahedra."""
     regions, volumes = _build(place)
-    best = None
-    for number, way in enumerate(WAYS, start=1):
-        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
-        found = _mesh(place, regions, way)
-        if found is None:
-            continue
-        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
-        if best is None or least > best[0]:
-            best = least, found
-        if best[0] >= place.job["least_quality"] or place.spent() > TIME_FOR_TRIES:
-            break
-    if best is None:
+    found = best_mesh(place, lambda: _collected(regions))
+    if found is None:
         msg = "gmsh returned no tetrahedra; choose another element size."
         raise JobError(msg)
-    place.finish(best[1], {"volumes": volumes})
+    place.finish(found, {"volumes": volumes})
 
 
 def _cover(place: Workplace) -> None:
@@ -73,7 +63,7 @@ def _cover(place: Workplace) -> None:
     _solid(place, place.job["surface"])
     gmsh.model.occ.synchronize()
     size = place.job["size"]
-    set_options({**FREE, "Mesh.Algorithm": 6, "Mesh.MeshSizeMin": size, "Mesh.MeshSizeMax": size})
+    _set_options({**_FREE, "Mesh.Algorithm": 6, "Mesh.MeshSizeMin": size, "Mesh.MeshSizeMax": size})
     place.progress("meshing")
     gmsh.model.mesh.generate(2)
     # Widens the smallest angle from 20 to 24 degrees on the demo's organs.
@@ -100,7 +90,7 @@ def _write(place: Workplace) -> None:
         nodes = cells[:, _NODES.get(width, slice(None))] + 1
         gmsh.model.mesh.addElementsByType(tag, KINDS[width], [], nodes.ravel())
     # Sets of the groups' nodes in a .unv file; coordinates with 8 decimals in a .bdf file.
-    set_options({"Mesh.SaveGroupsOfNodes": 1, "Mesh.BdfFieldFormat": 2})
+    _set_options({"Mesh.SaveGroupsOfNodes": 1, "Mesh.BdfFieldFormat": 2})
     path = place.path(place.job["file"])
     gmsh.write(path)
     place.finish({"content": np.fromfile(path, dtype=np.uint8)}, {})
@@ -228,36 +218,64 @@ def _joined(bodies: list[list[int]], lumens: list[int]) -> list[list[int]]:
 # ------------------------------------------------------------------ mesh
 
 
-def _mesh(place: Workplace, regions: list[list[int]], way: tuple[int, int, float]) -> dict | None:
-    """Mesh in one way; None if there are no tetrahedra."""
+def best_mesh(place: Workplace, collected: Callable[[], dict | None]) -> dict[str, np.ndarray] | None:
+    """Mesh with tetrahedra in one way after the other, until a mesh is good or the time is short.
+
+    Parameters
+    ----------
+    place : Workplace
+        Its job has ``size``, ``sizes`` and ``least_quality``.
+    collected : callable
+        Returns the arrays of the mesh that gmsh holds, ``points`` and ``tetrahedra`` among them; None if a solid has no
+        tetrahedra.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Of the mesh whose worst element is best; None if there is no mesh.
+    """
+    best = None
+    for number, way in enumerate(_WAYS, start=1):
+        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
+        found = collected() if _generated(place, way) else None
+        if found is None:
+            continue
+        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
+        if best is None or least > best[0]:
+            best = least, found
+        if best[0] >= place.job["least_quality"] or place.spent() > _TIME_FOR_TRIES:
+            break
+    return None if best is None else best[1]
+
+
+def _generated(place: Workplace, way: tuple[int, int, float]) -> bool:
+    """Mesh in one way; whether gmsh was able to."""
     surface_program, volume_program, factor = way
-    job, mesh = place.job, gmsh.model.mesh
-    mesh.clear()
+    gmsh.model.mesh.clear()
     options = {
-        **FREE,
+        **_FREE,
         "Mesh.Algorithm": surface_program,
         "Mesh.Algorithm3D": volume_program,
         "Mesh.MeshSizeFactor": factor,
-        "Mesh.MeshSizeMax": job["size"],
+        "Mesh.MeshSizeMax": place.job["size"],
         "Mesh.Optimize": 1,
         "Mesh.OptimizeNetgen": 1,
     }
-    set_options(options)
-    use_sizes(place)
+    _set_options(options)
+    _use_sizes(place)
     try:
-        mesh.generate(3)
+        gmsh.model.mesh.generate(3)
     except Exception:  # noqa: BLE001 - gmsh raises bare Exception; another way may do.
-        return None
-    return _collected(regions)
+        return False
+    return True
 
 
-def set_options(options: Mapping[str, float]) -> None:
-    """Set options of gmsh."""
+def _set_options(options: Mapping[str, float]) -> None:
     for name, value in options.items():
         gmsh.option.setNumber(name, value)
 
 
-def use_sizes(place: Workplace) -> None:
+def _use_sizes(place: Workplace) -> None:
     """Take the sizes of elements from the job's file."""
     for tag in gmsh.model.mesh.field.list():
         gmsh.model.mesh.field.remove(tag)

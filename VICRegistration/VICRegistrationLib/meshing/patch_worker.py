@@ -12,8 +12,7 @@ import sys
 import gmsh
 import numpy as np
 
-from .elements import scaled_jacobians
-from .gmsh_worker import FREE, KINDS, TIME_FOR_TRIES, WAYS, mesh_nodes, set_options, start, use_sizes
+from .gmsh_worker import KINDS, best_mesh, mesh_nodes, start
 from .process import JobError, Workplace, main
 
 # A face or an edge is the one whose middle is no farther than this away, mm.
@@ -21,7 +20,7 @@ _SAME_PLACE = 1e-4
 
 
 def work(place: Workplace) -> None:
-    """Mesh the faces and solids of a job, in one way after the other until a mesh is good or the time is short."""
+    """Mesh the faces and solids of a job."""
     start()
     place.progress("reading the patches")
     gmsh.model.occ.importShapes(place.path(place.job["surface"]))
@@ -31,21 +30,11 @@ def work(place: Workplace) -> None:
     loops = [gmsh.model.occ.addSurfaceLoop([faces[number] for number in solid]) for solid in place.job["solids"]]
     solids = [gmsh.model.occ.addVolume([loop]) for loop in loops]
     gmsh.model.occ.synchronize()
-    best = None
-    for number, way in enumerate(WAYS, start=1):
-        place.progress(f"meshing, try {number}" if number > 1 else "meshing")
-        found = _mesh(place, faces, solids, curves, way)
-        if found is None:
-            continue
-        least = scaled_jacobians(found["points"], found["tetrahedra"]).min()
-        if best is None or least > best[0]:
-            best = least, found
-        if best[0] >= place.job["least_quality"] or place.spent() > TIME_FOR_TRIES:
-            break
-    if best is None:
+    found = best_mesh(place, lambda: _collected(faces, solids, curves))
+    if found is None:
         msg = "gmsh returned no tetrahedra for one of the parts; choose another element size, and check the model."
         raise JobError(msg)
-    place.finish(best[1], {})
+    place.finish(found, {})
 
 
 def _matched(dimension: int, middles: list) -> list[int]:
@@ -67,31 +56,11 @@ def _matched(dimension: int, middles: list) -> list[int]:
     return found
 
 
-def _mesh(place: Workplace, faces, solids, curves, way: tuple[int, int, float]) -> dict | None:
-    """Mesh in one way; None if a solid has no tetrahedra."""
-    surface_program, volume_program, factor = way
-    gmsh.model.mesh.clear()
-    set_options(
-        {
-            **FREE,
-            "Mesh.Algorithm": surface_program,
-            "Mesh.Algorithm3D": volume_program,
-            "Mesh.MeshSizeFactor": factor,
-            "Mesh.MeshSizeMax": place.job["size"],
-            "Mesh.Optimize": 1,
-            "Mesh.OptimizeNetgen": 1,
-        }
-    )
-    use_sizes(place)
-    try:
-        gmsh.model.mesh.generate(3)
-        return _collected(faces, solids, curves)
-    except Exception:  # noqa: BLE001 - gmsh raises bare Exception; another way may do.
-        return None
-
-
 def _collected(faces: list[int], solids: list[int], curves: list[int]) -> dict | None:
-    """Nodes, tetrahedra of the solids and triangles of the faces, with the number of each; nodes of the curves."""
+    """Nodes, tetrahedra of the solids and triangles of the faces, with the number of each; nodes of the curves.
+
+    None if one of them has no element.
+    """
     points, row = mesh_nodes()
     found = {"points": points}
     for key, owner, tags, width in (
