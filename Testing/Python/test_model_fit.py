@@ -10,9 +10,10 @@ import pytest
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.multipatch.carrying import CarryingMap
 from VICRegistrationLib.multipatch.check import check_model
-from VICRegistrationLib.multipatch.fit import finish, fit_model
+from VICRegistrationLib.multipatch.fit import fit_model
 from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
 from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 
@@ -30,13 +31,9 @@ def generic():
 @pytest.fixture(scope="module")
 def fitted(pelvis, pelvis_regions, generic):
     """All steps of the fit of three organs, and what they came to."""
-    steps = fit_model(pelvis.image, generic, pelvis_regions)
     seen = []
-    while True:
-        try:
-            seen.append(next(steps))
-        except StopIteration as end:
-            return seen, end.value
+    found = finish(fit_model(pelvis.image, generic, pelvis_regions), seen.append)
+    return seen, found
 
 
 def test_organs_are_as_near_to_the_truth_as_when_each_is_fitted_alone(pelvis, fitted):

@@ -19,7 +19,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.region import Region, region_from_mask
-from VICRegistrationLib.multipatch import fit as model_fit
+from VICRegistrationLib.multipatch.fit import fit_model
 from VICRegistrationLib.multipatch.model import MultiPatchModel
 from VICRegistrationLib.multipatch.pelvis import pelvis
 from VICRegistrationLib.phantoms.organs import pelvic_organs
@@ -142,16 +142,16 @@ def measured(seed: int, model: MultiPatchModel) -> Measured:
     """Fit the model to one case: with and without landmarks, without the rectum; and each organ alone."""
     case, known = mapped_case(seed)
     start = time.process_time()
-    found = model_fit.finish(model_fit.fit_model(case.image, model, case.regions))
+    found = finish(fit_model(case.image, model, case.regions))
     seconds = time.process_time() - start
     start = time.process_time()
     alone = {name: finish(fit_region(case.image, region)).surface for name, region in case.regions.items()}
     seconds_alone = time.process_time() - start
     random = np.random.default_rng(seed)
     marks = {name: known(point) + LANDMARK_NOISE * random.normal(size=3) for name, point in model.landmarks.items()}
-    held = model_fit.finish(model_fit.fit_model(case.image, model, case.regions, landmarks=marks))
+    held = finish(fit_model(case.image, model, case.regions, landmarks=marks))
     regions = {name: region for name, region in case.regions.items() if name != "rectum"}
-    without = model_fit.finish(model_fit.fit_model(case.image, model, regions))
+    without = finish(fit_model(case.image, model, regions))
     off = {name: deviation(fit.surface, case.truth[name], n_points=N_POINTS) for name, fit in found.organs.items()}
     first, second = (_parts(fit.model, model, known) for fit in (found, held))
     return Measured(
@@ -214,7 +214,7 @@ def _fine() -> list[list[str]]:
     case, _ = mapped_case(0)
     model = pelvis(fine=True)
     start = time.process_time()
-    found = model_fit.finish(model_fit.fit_model(case.image, model, case.regions))
+    found = finish(fit_model(case.image, model, case.regions))
     seconds = time.process_time() - start
     rows = [["fine model, organ", "mean mm", "CPU seconds of all"]]
     for name, fit in found.organs.items():
@@ -229,7 +229,7 @@ def _real() -> list[list[str]]:
     if not REAL.is_dir():
         return [*rows, ["Skipped: there is no folder ../shared/data", *[""] * 6]]
     case = real_case()
-    found = model_fit.finish(model_fit.fit_model(case.image, pelvis(), case.regions))
+    found = finish(fit_model(case.image, pelvis(), case.regions))
     for name, fit in found.organs.items():
         off = deviation(fit.surface, case.truth[name], n_points=N_POINTS)
         alone = deviation(

@@ -246,7 +246,6 @@ def fit_model(
     >>> fit.predicted
     ()
     """
-    from .multipatch.fit import finish as finish_model
     from .multipatch.fit import fit_model as steps_of
     from .multipatch.library import find_model
     from .segmentation.separation import separate
@@ -259,7 +258,7 @@ def fit_model(
         asked = options.get(name, FitOptions())
         how = {"threshold": asked.threshold, "erosion": asked.erosion, "dilation": asked.dilation}
         regions[name] = given if isinstance(given, Region) else separate(image, given, **how)
-    return finish_model(steps_of(image, model, regions, options, landmarks=landmarks, further=further), on_step)
+    return finish(steps_of(image, model, regions, options, landmarks=landmarks, further=further), on_step)
 
 
 def compare(surface: BSplineSurface, reference, *, label: int | str | None = None, **choices):

@@ -11,10 +11,11 @@ import numpy as np
 
 from ..file_names import folder_name
 from ..imaging.image import Image
-from ..multipatch.fit import ModelFit, check_organs, finish, fit_model
+from ..multipatch.fit import ModelFit, check_organs, fit_model
 from ..multipatch.landmarks import check_names, read_landmarks
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
+from ..registration.organ import finish
 from ..registration.stacks import Stack
 from ..report.figure import require_packages
 from . import validators

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Union
@@ -220,29 +220,6 @@ def fit_model(
     carried = replace(carried, parts=parts)
     seconds = time.perf_counter() - start
     return ModelFit(carried, model, found.fits, found.together, found.placement, carry, distances, seconds)
-
-
-def finish(steps: Iterator[JointStep], on_step: Callable[[JointStep], None] | None = None) -> ModelFit:
-    """Run a fit of a model to its end.
-
-    Parameters
-    ----------
-    steps : generator
-        From :func:`fit_model`.
-    on_step : callable, optional
-        Called with every :class:`.joint.JointStep`.
-
-    Returns
-    -------
-    ModelFit
-    """
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            return end.value
-        if on_step is not None:
-            on_step(step)
 
 
 def _stacks_of(

@@ -16,9 +16,10 @@ volume lies in the world nor on the order of its axes in memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -46,6 +47,9 @@ from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
 from .stages import Step, last_step
+
+# Of a fit of any kind: its steps, and its result.
+_S, _R = TypeVar("_S"), TypeVar("_R")
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,19 +455,19 @@ def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:
     return replace(choice, value=net_text(net), reasons=(*choice.reasons, reason))
 
 
-def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None) -> OrganFit:
+def finish(steps: Generator[_S, None, _R], on_step: Callable[[_S], None] | None = None) -> _R:
     """Run a fit to its end.
 
     Parameters
     ----------
     steps : generator
-        From :func:`fit_organ`, :func:`fit_region` or :func:`.refit.refit`.
+        From :func:`fit_organ`, :func:`fit_region`, :func:`.refit.refit` or :func:`.multipatch.fit.fit_model`.
     on_step : callable, optional
-        Called with every :class:`Step`.
+        Called with every step.
 
     Returns
     -------
-    OrganFit
+    OrganFit or ModelFit
 
     Raises
     ------
@@ -475,7 +479,7 @@ def finish(steps: Iterator[Step], on_step: Callable[[Step], None] | None = None)
             step = next(steps)
         except StopIteration as end:
             if end.value is None:
-                msg = "The fit had come to its end before; start a new one with fit_organ or fit_region."
+                msg = "The fit had come to its end before; start a new one."
                 raise ValueError(msg) from None
             return end.value
         if on_step is not None:
