@@ -5,7 +5,6 @@ from __future__ import annotations
 import slicer
 from slicer.i18n import tr as _
 
-from ..messages import Diagnostic
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
 from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf, setRegionVisible
@@ -14,7 +13,7 @@ from .points import labelPoints, markedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
 from .sentences import sentence
 from .stack_contours import showStackContours
-from .stacks import keepStacks, stacksOf, stacksToFit, wallPoints
+from .stacks import keepStacks, leftOutSentences, stacksOf, stacksToFit, wallPoints
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
 
@@ -181,6 +180,58 @@ def canBeSeparated(organ):
     return organ.seeds is not None and organ.seeds.GetNumberOfDefinedControlPoints() > 0
 
 
+def checkedSteps(steps, check, shown=lambda step: step):
+    """Pass the steps of a fit on as long as what it needs is there.
+
+    Parameters
+    ----------
+    steps : generator
+    check : callable
+        Called without arguments before every step; raises an error where something is missing.
+    shown : callable, optional
+        Takes a step to what is passed on.
+
+    Yields
+    ------
+    object
+        What `shown` returns.
+
+    Returns
+    -------
+    object
+        What `steps` returns.
+    """
+    while True:
+        check()
+        try:
+            step = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield shown(step)
+
+
+def checkInScene(node, what, remedy):
+    """Raise an error if something that a fit needs was deleted.
+
+    Parameters
+    ----------
+    node : vtkMRMLNode or None
+    what : str
+        Kind and name of the node.
+    remedy : str
+        A sentence that says what to do then.
+
+    Raises
+    ------
+    ValueError
+        If there is no node, or it is not in the scene.
+    """
+    if not _isThere(node):
+        raise ValueError(
+            _("The {what} was deleted, but it is needed for the fit. {remedy}").format(what=what, remedy=remedy)
+        )
+
+
 class _Bookkeeping:
     """Keeps an organ's nodes in step with a fit: what was there comes back when the fit does not come to its end."""
 
@@ -198,19 +249,19 @@ class _Bookkeeping:
         self._surface = _("surface"), _("Fit the organ again.")
 
     def __enter__(self):
-        self._check(self.organ.parameterNode, *self._organ)
+        checkInScene(self.organ.parameterNode, *self._organ)
         return self
 
     def __exit__(self, kind, error, trace):
         if kind is None:
             return
         # The model is kept here too: an organ that was removed from the scene does not know it any more.
-        if self._isThere(self.model) and self.before is not None:
+        if _isThere(self.model) and self.before is not None:
             exchangePolyData(self.model, self.before)
             self._colorAgain()
-        elif self._isThere(self.model):
+        elif _isThere(self.model):
             removeNodes([self.model])
-        if isinstance(error, ValueError) and self._isThere(self.organ.parameterNode):
+        if isinstance(error, ValueError) and _isThere(self.organ.parameterNode):
             self.organ.message = str(error)
             if self.organ.surface is None:
                 self.organ.state = OrganState.FAILED
@@ -225,34 +276,19 @@ class _Bookkeeping:
     def followed(self, image, steps):
         """Pass the steps of a fit on, as long as what it needs is there, and record its result."""
         self.model = modelOf(self.organ, self.volumeNode)
-        fit = yield from self._checked(steps)
+        fit = yield from checkedSteps(steps, self._checkNodes)
         self._record(image, fit)
         return fit
 
-    def _checked(self, steps):
-        while True:
-            self._checkNodes()
-            try:
-                step = next(steps)
-            except StopIteration as end:
-                return end.value
-            yield step
-
     def _checkNodes(self):
-        self._check(self.organ.parameterNode, *self._organ)
-        self._check(self.volumeNode, *self._volume)
-        self._check(self.model, *self._surface)
+        checkInScene(self.organ.parameterNode, *self._organ)
+        checkInScene(self.volumeNode, *self._volume)
+        checkInScene(self.model, *self._surface)
         self._checkStacks()
 
     def _checkStacks(self):
         for node, name in zip(self._further, self._names):
-            self._check(node, _("stack {name}").format(name=name), _("Fit again without it."))
-
-    def _check(self, node, what, remedy):
-        if not self._isThere(node):
-            raise ValueError(
-                _("The {what} was deleted, but it is needed for the fit. {remedy}").format(what=what, remedy=remedy)
-            )
+            checkInScene(node, _("stack {name}").format(name=name), _("Fit again without it."))
 
     def _record(self, image, fit):
         from ..registration.diagnostics import fit_diagnostics
@@ -288,8 +324,8 @@ class _Bookkeeping:
                 cost=f"{fit.cost_final:.3g}",
                 seconds=f"{fit.seconds:.2f}",
             )
-            diagnostics = fit_diagnostics(image, fit)
-            organ.message = "\n".join([result, *self._chosen(fit), *map(sentence, diagnostics), *self._notTaken()])
+            diagnostics, left = fit_diagnostics(image, fit), leftOutSentences(self._leftOut)
+            organ.message = "\n".join([result, *self._chosen(fit), *map(sentence, diagnostics), *left])
             verdict = verdict_of(fit, diagnostics)
             organ.verdict, organ.verdictReasons = verdict.word, "\n".join(map(sentence, verdict.reasons))
 
@@ -301,22 +337,14 @@ class _Bookkeeping:
         chosen = [words[choice.option].format(value=choice.value) for choice in listed]
         return [_("Chosen: {choices}").format(choices=", ".join(chosen))] if chosen else []
 
-    def _notTaken(self):
-        """Say which stacks were not given to the library, and why."""
-        left = [
-            Diagnostic("stack_left_out", {"stack": node.GetName(), "reason": record.reason})
-            for node, record in self._leftOut.items()
-        ]
-        return list(map(sentence, left))
-
     def _colorAgain(self):
         """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""
         if hasNumbers(self.model, self.colored):
             colorBy(self.model, self.colored)
 
-    @staticmethod
-    def _isThere(node):
-        return node is not None and node.GetScene() is not None
+
+def _isThere(node):
+    return node is not None and node.GetScene() is not None
 
 
 def _separated(organ, volumeNode):

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 from slicer.i18n import tr as _
 
-from ..messages import Diagnostic
-from .fitting import separateOrgan
+from .fitting import checkedSteps, checkInScene, separateOrgan
 from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, placedLandmarks
 from .generic_model_nodes import showModel
 from .organ_nodes import setRegionVisible
@@ -15,7 +14,7 @@ from .organs import Organs
 from .parameters import ModuleParameters
 from .points import placedPoints
 from .sentences import sentence
-from .stacks import stacksToFit
+from .stacks import leftOutSentences, stacksToFit
 from .volumes import imageFromVolume
 
 
@@ -109,7 +108,7 @@ def modelSteps(parameters, organs, volumeNode):
         regions[name], found = separateOrgan(organ, volumeNode)
         warnings += [f"{organ.label}: {warning}" for warning in found]
     steps = fit_model(image, model, regions, options, landmarks=landmarks, further=tuple(stacks.values()))
-    fit = yield from _followed(steps, needed)
+    fit = yield from checkedSteps(steps, needed.check, _shown)
     warnings += yield from _examined(image, fit, pairs, needed)
     for organ in pairs.values():
         # The fill would lie over the parts.
@@ -143,20 +142,13 @@ def _examined(image, fit, pairs, needed):
     return found
 
 
-def _followed(steps, needed):
-    """Pass the steps of a fit on as long as what it needs is there."""
-    while True:
-        needed.check()
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            needed.check()
-            return end.value
-        yield ModelStep(
-            _("{stage}, iteration {iteration}, cost {cost}").format(
-                stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
-            )
+def _shown(step):
+    """Step of the library's fit in words."""
+    return ModelStep(
+        _("{stage}, iteration {iteration}, cost {cost}").format(
+            stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
         )
+    )
 
 
 class _Needed:
@@ -169,12 +161,7 @@ class _Needed:
 
     def check(self):
         for node, what in self._nodes:
-            if node.GetScene() is None:
-                raise ValueError(
-                    _("The {what} was deleted, but it is needed for the fit. {remedy}").format(
-                        what=what, remedy=_("Fit the model again.")
-                    )
-                )
+            checkInScene(node, what, _("Fit the model again."))
 
 
 def _notUsed(pairs, leftOut):
@@ -184,10 +171,7 @@ def _notUsed(pairs, leftOut):
         for organ in pairs.values()
         if len(placedPoints(organ.boundaryPoints))
     ]
-    return found + [
-        sentence(Diagnostic("stack_left_out", {"stack": node.GetName(), "reason": record.reason}))
-        for node, record in leftOut.items()
-    ]
+    return found + leftOutSentences(leftOut)
 
 
 def _optionsOf(organ):

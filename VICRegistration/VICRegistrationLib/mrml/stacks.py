@@ -13,6 +13,7 @@ import numpy as np
 import slicer
 from slicer.i18n import tr as _
 
+from ..messages import Diagnostic
 from .points import markedPoints, placedIn, placedPoints
 from .sentences import sentence
 from .volumes import gridOf, imageFromVolume, linearRelation, localPoints
@@ -134,6 +135,23 @@ def keepStacks(organ, volumeNode, stackNodes, uses, leftOut):
     _store(organ, {**records, **leftOut})
 
 
+def leftOutSentences(leftOut):
+    """Say which stacks were not given to a fit, and why.
+
+    Parameters
+    ----------
+    leftOut : dict of vtkMRMLScalarVolumeNode to StackRecord
+
+    Returns
+    -------
+    list of str
+    """
+    return [
+        sentence(Diagnostic("stack_left_out", {"stack": node.GetName(), "reason": record.reason}))
+        for node, record in leftOut.items()
+    ]
+
+
 def stacksOf(organ):
     """Return what became of the further stacks in an organ's last fit.
 
@@ -196,9 +214,10 @@ def wallPoints(organ, volumeNode):
         brought back by the motion that the last fit has found.
     """
     points, records = markedPoints(organ.boundaryPoints, volumeNode), stacksOf(organ)
-    for row, node in enumerate(placedIn(organ.boundaryPoints)):
+    placed = zip(placedIn(organ.boundaryPoints), placedPoints(organ.boundaryPoints))
+    for row, (node, position) in enumerate(placed):
         if node in records and records[node].used:
-            there = localPoints(node, placedPoints(organ.boundaryPoints)[row])
+            there = localPoints(node, position)
             back = np.linalg.inv(toStack(records[node], volumeNode, node))
             points[row] = back[:3, :3] @ there[0] + back[:3, 3]
     return points
