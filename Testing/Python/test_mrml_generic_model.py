@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -123,9 +124,10 @@ def test_points_on_the_wall_are_said_not_to_be_used(fit, logic, volume, nodes):
 
 
 def test_organs_are_fitted_to_further_stacks(fit, logic, volume, nodes, pelvis):
-    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="again")]
+    brighter = dataclasses.replace(pelvis.image, array=pelvis.image.array + 1)
+    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(brighter, name="again")]
     found = fit()
-    # The same image a second time: nothing has moved.
+    # The same image a second time, brighter, for the very same would be refused: nothing has moved.
     for organ in found.organs.values():
         (stack,) = organ.stacks
         assert stack.used
