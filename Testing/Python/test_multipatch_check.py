@@ -84,10 +84,8 @@ def test_a_sheet_and_a_cord_through_an_organ_are_found(model):
     assert "band passes through egg" in first_sentence(moved(model, band, (0, 45, 5)))
     # The right ligament, led straight to the sacrum, meets the rectum.
     generic = pelvis()
-    cord = np.unique(
-        np.concatenate([patch.indices.ravel() for patch in generic.patches_of("right uterosacral ligament")])
-    )
-    free = cord[cord >= max(part.stop for part in generic.ranges().values())]
+    cord = generic.indices_of("right uterosacral ligament")
+    free = cord[cord >= generic.first_free]
     (found,) = check_model(moved(generic, free, (-16, 0, 0)))
     assert found.code == "passes_through_organ"
     assert (found.values["part"], found.values["organ"]) == ("right uterosacral ligament", "rectum")

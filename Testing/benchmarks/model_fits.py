@@ -171,8 +171,7 @@ def _parts(carried: MultiPatchModel, model: MultiPatchModel, known: SmoothMap) -
     found = {}
     for part in model.parts:
         if part.kind != "organ":
-            indices = np.unique(np.concatenate([patch.indices.ravel() for patch in model.patches_of(part.name)]))
-            found[part.name] = float(off[indices].mean())
+            found[part.name] = float(off[model.indices_of(part.name)].mean())
     return found
 
 

@@ -136,7 +136,7 @@ def parts_table(model: MultiPatchModel) -> str:
     rows = [("part", "kind", "patches", "points", "")]
     for part in model.parts:
         patches = model.patches_of(part.name)
-        points = len({int(index) for patch in patches for index in patch.indices.ravel()})
+        points = len(model.indices_of(part.name))
         size = f"{part.thickness:g} mm thick" if part.thickness is not None else ""
         if part.name in model.parents:
             size = f"{model.parents[part.name].volume() / 1000.0:.1f} ml"

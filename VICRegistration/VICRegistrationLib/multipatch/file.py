@@ -71,7 +71,6 @@ def write_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
 def model_text(model: MultiPatchModel) -> str:
     """Text of a model's file."""
     ranges = model.ranges()
-    first_free = max(part.stop for part in ranges.values())
     organs = {
         name: {
             "degrees": list(parent.degrees),
@@ -105,7 +104,7 @@ def model_text(model: MultiPatchModel) -> str:
         "unit": "mm",
         "organs": organs,
         "parts": [{key: getattr(part, key) for key in _PART_KEYS} for part in model.parts],
-        "points": model.points[first_free:].tolist(),
+        "points": model.points[model.first_free :].tolist(),
         "patches": patches,
         "fixed": {place: group.tolist() for place, group in model.fixed.items()},
         "landmarks": {place: list(point) for place, point in model.landmarks.items()},

@@ -135,7 +135,7 @@ class ModelFit:
         found = {}
         for part in self.model.parts:
             if part.kind != "organ":
-                indices = np.unique(np.concatenate([p.indices.ravel() for p in self.model.patches_of(part.name)]))
+                indices = self.model.indices_of(part.name)
                 indices = indices[(indices >= place.start) & (indices < place.stop)]
                 if len(indices):
                     found[part.name] = indices

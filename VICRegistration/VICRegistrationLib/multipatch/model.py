@@ -173,6 +173,10 @@ class MultiPatchModel:
         """Patches of a part, a cord's foot not included."""
         return tuple(patch for patch in self.patches if patch.part == part)
 
+    def indices_of(self, part: str) -> np.ndarray:
+        """Numbers of the points of a part, ascending: also of those that it shares with others."""
+        return np.unique(np.concatenate([patch.indices.ravel() for patch in self.patches_of(part)]))
+
     def surface(self, patch: str) -> BSplineSurface:
         """Return the patch of that name as an open surface, RAS mm."""
         return self.patch(patch).surface(self.points)
@@ -184,6 +188,11 @@ class MultiPatchModel:
             places[organ] = slice(first, first + matrix.shape[0])
             first += matrix.shape[0]
         return places
+
+    @property
+    def first_free(self) -> int:
+        """Number of the first point that belongs to no organ."""
+        return max(place.stop for place in self.ranges().values())
 
     def organ_matrix(self, organ: str) -> sparse.csr_matrix:
         """Matrix K from an organ's control net to its points: ``K @ parent.control_net.reshape(-1, 3)``."""
