@@ -86,7 +86,7 @@ def test_a_cord_that_is_not_closed_is_refused_and_no_file_is_begun(model, tmp_pa
 
 def test_triangles_of_neighbours_meet(model):
     mesh = model_triangles(model)
-    egg = mesh.triangles[np.isin(mesh.patch_of, mesh.numbers(patch.name for patch in model.patches_of("egg")))]
+    egg = mesh.triangles[mesh.of(model.patches_of("egg"))]
     edges = np.sort(egg[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     exact = model.parents["egg"].volume()

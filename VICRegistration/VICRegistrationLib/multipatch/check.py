@@ -12,7 +12,7 @@ from ..export.surface_data import polydata
 from ..geometry.validity import check_surface
 from ..messages import Diagnostic
 from .crossings import crossing
-from .model import MultiPatchModel, Part
+from .model import MultiPatchModel, Part, Patch
 from .topology import open_edges, share_of_points, shell
 from .triangles import model_triangles
 
@@ -93,7 +93,7 @@ def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
         The deepest place of each part in each organ; of two organs that overlap, only one says so.
     """
     for part in model.parts:
-        points = np.concatenate([patch_samples(model, patch.name) for patch in model.patches_of(part.name)])
+        points = _part_samples(model, part)
         first = model.organs.index(part.name) + 1 if part.kind == "organ" else 0
         for organ, parent in list(model.parents.items())[first:]:
             low, high = parent.control_net.min(axis=(0, 1)), parent.control_net.max(axis=(0, 1))
@@ -121,18 +121,17 @@ def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:
         A place of each part in each cord.
     """
     mesh = model_triangles(model, chord_error=_CORD_CHORD)
+    samples = {part.name: _part_samples(model, part) for part in model.parts if part.kind != "organ"}
     for cord in model.parts:
         if cord.kind != "cord":
             continue
-        patches = {patch.name for patch, _ in shell(model, cord)}
-        bounds = polydata(mesh.points, mesh.triangles[np.isin(mesh.patch_of, mesh.numbers(patches))])
-        for part in model.parts:
-            if part.kind == "organ" or part.name == cord.name:
+        bounds = polydata(mesh.points, mesh.triangles[mesh.of(patch for patch, _ in shell(model, cord))])
+        for name, points in samples.items():
+            if name == cord.name:
                 continue
-            points = np.concatenate([patch_samples(model, patch.name) for patch in model.patches_of(part.name)])
             inside = points[_enclosed(points, bounds)]
             if len(inside):
-                yield Diagnostic("passes_through_cord", {"part": part.name, "cord": cord.name, **_place(inside[0])})
+                yield Diagnostic("passes_through_cord", {"part": name, "cord": cord.name, **_place(inside[0])})
 
 
 def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
@@ -149,9 +148,7 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
     """
     mesh = model_triangles(model, chord_error=_CORD_CHORD)
     sheets = {
-        part.name: mesh.triangles[np.isin(mesh.patch_of, mesh.numbers(p.name for p in model.patches_of(part.name)))]
-        for part in model.parts
-        if part.kind == "sheet"
+        part.name: mesh.triangles[mesh.of(model.patches_of(part.name))] for part in model.parts if part.kind == "sheet"
     }
     for (one, first), (other, second) in combinations(sheets.items(), 2):
         place = crossing(mesh.points, first, second)
@@ -159,10 +156,14 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
             yield Diagnostic("passes_through_sheet", {"part": one, "sheet": other, **_place(place)})
 
 
-def patch_samples(model: MultiPatchModel, patch: str) -> np.ndarray:
+def patch_samples(model: MultiPatchModel, patch: Patch) -> np.ndarray:
     """Points in the middles of equal intervals of a patch, (n, 3) RAS mm."""
-    surface = model.surface(patch)
+    surface = patch.surface(model.points)
     return surface.points(*surface.midpoints(_SAMPLES, _SAMPLES))
+
+
+def _part_samples(model: MultiPatchModel, part: Part) -> np.ndarray:
+    return np.concatenate([patch_samples(model, patch) for patch in model.patches_of(part.name)])
 
 
 def _enclosed(points: np.ndarray, bounds) -> np.ndarray:

@@ -106,7 +106,7 @@ class ModelFit:
     def smallest_determinant(self) -> tuple[float, str]:
         """By how much the map enlarges space at least, and the part where."""
         patches = self.generic.patches
-        points = [patch_samples(self.generic, patch.name) for patch in patches]
+        points = [patch_samples(self.generic, patch) for patch in patches]
         found = self.carry.determinants(np.concatenate(points)).reshape(len(patches), -1).min(axis=1)
         return float(found.min()), patches[int(found.argmin())].part
 

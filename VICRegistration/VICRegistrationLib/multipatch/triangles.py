@@ -37,10 +37,10 @@ class ModelTriangles:
     patch_of: np.ndarray
     names: tuple[str, ...]
 
-    def numbers(self, names: Iterable[str]) -> list[int]:
-        """Numbers of patches with these names."""
-        wanted = set(names)
-        return [number for number, name in enumerate(self.names) if name in wanted]
+    def of(self, patches: Iterable[Patch]) -> np.ndarray:
+        """Return which triangles belong to these patches, (m,) of bool."""
+        wanted = {patch.name for patch in patches}
+        return np.isin(self.patch_of, [number for number, name in enumerate(self.names) if name in wanted])
 
 
 def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> ModelTriangles:

@@ -86,7 +86,7 @@ def part_polydata(model: MultiPatchModel, *, chord_error: float = 0.1) -> dict[s
     mesh = model_triangles(model, chord_error=chord_error)
     found = {}
     for part in model.parts:
-        rows = np.isin(mesh.patch_of, mesh.numbers(patch.name for patch in model.patches_of(part.name)))
+        rows = mesh.of(model.patches_of(part.name))
         used, triangles = np.unique(mesh.triangles[rows], return_inverse=True)
         found[part.name] = _named(model, mesh.points[used], triangles.reshape(-1, 3), mesh.patch_of[rows])
     return found
@@ -98,9 +98,8 @@ def _named(model: MultiPatchModel, points: np.ndarray, triangles: np.ndarray, pa
     cells = data.GetCellData()
     parts = [part.name for part in model.parts]
     part_of = np.array([parts.index(patch.part) for patch in model.patches])[patch_of]
-    owners = [model.parts[parts.index(patch.part)] for patch in model.patches]
     names = {
-        "patch": ([part.labelled(patch.name) for part, patch in zip(owners, model.patches)], patch_of),
+        "patch": ([model.part(patch.part).labelled(patch.name) for patch in model.patches], patch_of),
         "part": ([part.labelled() for part in model.parts], part_of),
     }
     numbers = {
