@@ -25,7 +25,7 @@ from ..frames import RAS_TO_LPS
 from ..organ_colours import rgb
 from .colours import part_colours
 from .model import MultiPatchModel, Part, Patch
-from .topology import Side, open_edges, shell, sides
+from .topology import Side, open_edges, shell, sides, sides_by_edge
 
 
 def write_model_step(model: MultiPatchModel, path: str | os.PathLike) -> None:
@@ -112,8 +112,9 @@ class _Shapes:
     def add_part(self, part: Part) -> str:
         """Add the shell or the solid of a part."""
         entities, name, faces = self._entities, string(part.labelled()), shell(self._model, part)
-        if part.kind != "sheet" and open_edges(faces):
-            side = open_edges(faces)[0]
+        gaps = () if part.kind == "sheet" else open_edges(faces)
+        if gaps:
+            side = gaps[0]
             msg = (
                 f"{part.name} does not bound a solid: its patches do not meet, or are turned to different sides, at "
                 f"the border {side.name} of {side.patch.name}; check the model."
@@ -147,13 +148,9 @@ class _Shapes:
         return self._entities.add(f"ADVANCED_FACE({string(name)},({bound}),{self._surface(patch)},{sense})")
 
     def _edges(self, patches: list[Patch]) -> dict[tuple[int, ...], str]:
-        """Edges of a part by their control points, each said in the parameters of its one or two faces too."""
-        met: dict[tuple[int, ...], list[Side]] = {}
-        for patch in patches:
-            for side in sides(patch):
-                met.setdefault(side.edge, []).append(side)
+        """Edges of a part by their control points, each with its lines in the parameters of its one or two faces."""
         found = {}
-        for edge, here in met.items():
+        for edge, here in sides_by_edge(patches).items():
             curve, ends = self._curve(here[0])
             lines = [self._line(side, ends) for side in here]
             # A curve on a surface has one or two lines; where more faces meet, readers compute theirs.

@@ -65,6 +65,15 @@ def shell(model: MultiPatchModel, part: Part) -> list[tuple[Patch, bool]]:
     return _oriented([patch for patch, _ in patches]) if part.kind == "sheet" else patches
 
 
+def sides_by_edge(patches: Iterable[Patch]) -> dict[tuple[int, ...], list[Side]]:
+    """Borders of patches that are the same edge, by its control points."""
+    met: dict[tuple[int, ...], list[Side]] = {}
+    for patch in patches:
+        for side in sides(patch):
+            met.setdefault(side.edge, []).append(side)
+    return met
+
+
 def open_edges(faces: Iterable[tuple[Patch, bool]]) -> list[Side]:
     """Find the borders of a shell that two of its patches do not run along in opposite directions."""
     met: dict[tuple[int, ...], list[tuple[Side, bool]]] = {}
@@ -77,10 +86,7 @@ def open_edges(faces: Iterable[tuple[Patch, bool]]) -> list[Side]:
 def _oriented(patches: list[Patch]) -> list[tuple[Patch, bool]]:
     """Turn patches so that neighbours run along their common border in opposite directions, as far as that can be."""
     turned: dict[str, bool] = {}
-    met: dict[tuple[int, ...], list[Side]] = {}
-    for patch in patches:
-        for side in sides(patch):
-            met.setdefault(side.edge, []).append(side)
+    met = sides_by_edge(patches)
     for start in patches:
         waiting = [] if start.name in turned else [start]
         turned.setdefault(start.name, False)
