@@ -14,6 +14,7 @@ import numpy as np
 from ..messages import Diagnostic
 
 EDGES = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
+TRIANGLE_EDGES = EDGES[:3]
 # Corners, then middles of the edges, counter-clockwise seen from outside; the order is that of Abaqus (S1 to S4).
 FACES = np.array([(0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (2, 0, 3, 6, 7, 9)])
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
-from .elements import EDGES, faces_of, scaled_jacobians
+from .elements import EDGES, TRIANGLE_EDGES, faces_of, scaled_jacobians
 
 # Where curving an edge makes an element worse than wanted, the edge is curved half as much, at most so often.
 _HALVINGS = 4
@@ -194,7 +194,7 @@ def _shifts(points, tetrahedra, region, surfaces, edges) -> np.ndarray:
     faces, first, second = faces_of(tetrahedra)
     faces = faces[(second < 0) | (region[first] != region[second])]
     on_surface = _nearest_surface(points, faces, surfaces)
-    of_faces = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    of_faces = np.sort(faces[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     key = edges[:, 0] * len(points) + edges[:, 1]
     row = np.searchsorted(key, of_faces[:, 0] * len(points) + of_faces[:, 1])
     touched = np.zeros((len(surfaces), len(edges)), dtype=bool)

@@ -14,7 +14,7 @@ from ..geometry.projection import closest_points
 from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from ..messages import Diagnostic
-from .elements import TetrahedralMesh, scaled_jacobians, volumes
+from .elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
 from .groups import patch_groups, second_order, surface_groups
 from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
 from .regions import MeshOptions, Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
@@ -107,7 +107,7 @@ def mesh_surface(
     files = {"surface.step": step_text([solid])}
     result = run_worker(GMSH_WORKER, job, files, time_limit=options.time_limit, on_progress=on_progress)
     points, triangles = (result.arrays.get(key, np.zeros((0, 3), dtype=int)) for key in ("points", "triangles"))
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges = np.sort(triangles[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     if not len(triangles) or (np.unique(edges, axis=0, return_counts=True)[1] != 2).any():
         msg = "gmsh returned triangles that do not close the surface; choose another element size."
         raise MeshingError(msg)

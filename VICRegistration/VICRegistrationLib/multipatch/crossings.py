@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..meshing.elements import TRIANGLE_EDGES
+
 # Edges that are compared with the triangles near them at a time.
 _BLOCK = 50
 
@@ -27,7 +29,7 @@ def crossing(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     .. [1] T. Möller and B. Trumbore: Fast, minimum storage ray-triangle intersection. J. Graphics Tools 2, 1997.
     """
     for edges_of, through in ((first, second), (second, first)):
-        edges = np.unique(np.sort(edges_of[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+        edges = np.unique(np.sort(edges_of[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1), axis=0)
         edges = _meeting(points, edges, through)
         for start in range(0, len(edges), _BLOCK):
             some = edges[start : start + _BLOCK]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..meshing.elements import EDGES
+from ..meshing.elements import EDGES, TRIANGLE_EDGES
 from ..meshing.groups import bent_elements, shifts_to
 from .model import MultiPatchModel
-
-_TRIANGLE_EDGES = np.array([(0, 1), (1, 2), (2, 0)])
 
 
 def with_middles(
@@ -43,7 +41,7 @@ def with_middles(
         Number of edges whose middle is not on its patch, for the sake of the elements' shape.
     """
     of_cells = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
-    of_triangles = np.sort(triangles[:, _TRIANGLE_EDGES].reshape(-1, 2), axis=1)
+    of_triangles = np.sort(triangles[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
     edges, number = np.unique(np.concatenate([of_cells, of_triangles]), axis=0, return_inverse=True)
     number = number.ravel()
     cell_edges, triangle_edges = number[: len(of_cells)].reshape(-1, 6), number[len(of_cells) :].reshape(-1, 3)
