@@ -388,11 +388,27 @@ class BSplineSurface:
         if not self.closed:
             msg = "The surface is open; a volume needs a closed surface (a seam and two poles, or two seams)."
             raise ValueError(msg)
+        # About the net's centre, so that a surface far from the origin loses no digits.
+        return self.cone_volume(self.control_net.mean(axis=(0, 1)))
+
+    def cone_volume(self, apex: np.ndarray) -> float:
+        """Volume between a point and the surface, mm^3; positive where the normals point away from the point.
+
+        Those of the patches of a closed surface add up to its volume, wherever the point is.
+
+        Parameters
+        ----------
+        apex : (3,) ndarray
+            The point, mm.
+
+        Returns
+        -------
+        float
+        """
         p, q = self.degrees
         u, weights_u = bspline.gauss_points(p, self.knots_u, (3 * p + 1) // 2)
         v, weights_v = bspline.gauss_points(q, self.knots_v, (3 * q + 1) // 2)
-        # About the net's centre, so that a surface far from the origin loses no digits.
-        offset = self.grid(u, v) - self.control_net.mean(axis=(0, 1))
+        offset = self.grid(u, v) - apex
         cross = np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
         return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, offset, cross) / 3.0)
 

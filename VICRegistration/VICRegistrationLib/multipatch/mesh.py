@@ -15,8 +15,7 @@ import numpy as np
 from ..export.step import Solid, validate_solids
 from ..frames import RAS_TO_LPS
 from ..geometry import bspline
-from ..geometry.surface import BSplineSurface
-from ..meshing.elements import TetrahedralMesh, faces_of, scaled_jacobians, volumes
+from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, faces_of, scaled_jacobians, volumes
 from ..meshing.process import PATCH_WORKER, MeshingError, require_gmsh, run_worker
 from ..meshing.regions import MeshOptions, field_file
 from ..meshing.sizes import size_field
@@ -100,16 +99,8 @@ def solid_volume(model: MultiPatchModel, part: Part) -> float:
         return model.parents[part.name].volume()
     origin, total = model.points[model.patch(part.foot).indices].mean(axis=(0, 1)), 0.0
     for patch, turned in shell(model, part):
-        total += (-1.0 if turned else 1.0) * _flux(patch.surface(model.points), origin)
+        total += (-1.0 if turned else 1.0) * patch.surface(model.points).cone_volume(origin)
     return total
-
-
-def _flux(surface: BSplineSurface, origin: np.ndarray) -> float:
-    """Third of the integral of S . (S_u x S_v), exact for polynomials on every span."""
-    axes = zip(surface.degrees, (surface.knots_u, surface.knots_v))
-    (u, weights_u), (v, weights_v) = (bspline.gauss_points(p, knots, (3 * p + 1) // 2) for p, knots in axes)
-    cross = np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1))
-    return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, surface.grid(u, v) - origin, cross) / 3.0)
 
 
 def _run(
@@ -241,7 +232,7 @@ def _fixed_nodes(
 
 def _middles_between(ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Nodes in the middles of a patch's outer edges between given nodes; none of linear triangles."""
-    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = triangles[:, TRIANGLE_EDGES].reshape(-1, 2)
     middles = triangles[:, 3:].ravel()
     _, inverse, counts = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     outer = (counts[inverse.ravel()] == 1) & np.isin(edges, ends).all(axis=1)
