@@ -14,7 +14,7 @@ MODULE = ROOT / "VICRegistration"
 LIBRARY = MODULE / "VICRegistrationLib"
 # Each folder imports from those in the rows above it only.
 ROWS = (
-    ("transactions", "file_names", "frames", "messages", "organ_colours", "surface_formats"),
+    ("transactions", "file_names", "frames", "json_files", "messages", "organ_colours", "surface_formats"),
     ("files",),
     ("geometry", "imaging"),
     ("segmentation",),

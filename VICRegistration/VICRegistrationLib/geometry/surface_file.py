@@ -21,12 +21,12 @@ Numbers are written with as many digits as bring the same double back. Other key
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..files import replacing
+from ..json_files import checked_content, file_bytes, json_text
 from .surface import BSplineSurface
 from .validity import check_place
 
@@ -90,9 +90,9 @@ def write_surface(
         "knots_v": surface.knots_v.tolist(),
         "control_net": surface.control_net.tolist(),
     }
-    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
+    text = json_text(content)
     with replacing(path) as draft:
-        draft.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+        draft.write_text(text, encoding="utf-8")
 
 
 def read_surface(path: str | os.PathLike) -> BSplineSurface:
@@ -138,46 +138,15 @@ def read_surface_record(path: str | os.PathLike) -> SurfaceRecord:
         If the file is not a surface file that this version understands.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant)
-    except OSError as error:
-        msg = f"The surface file {path} cannot be read ({error.strerror}); give a file that exists."
-        raise OSError(msg) from error
-    except (ValueError, RecursionError) as error:
-        msg = f"The file {path} is not valid JSON ({error}); give a surface file as the program writes it."
-        raise ValueError(msg) from error
-    _check_header(content, path)
-    surface = _surface_of(content, path)
-    return SurfaceRecord(surface, **{key: content[key] for key in _TEXTS})
-
-
-def _refuse_constant(text: str) -> float:
-    msg = f"{text} is not a number"
-    raise ValueError(msg)
-
-
-def _check_header(content: object, path: Path) -> None:
-    """Refuse everything but this schema, version, frame and unit, with all keys."""
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
-        msg = f"The file {path} has the schema {found!r}; {SCHEMA!r} is understood, give a surface file."
-        raise ValueError(msg)
-    version = content.get("version")
-    if isinstance(version, bool) or version != VERSION:
-        msg = f"The file {path} has version {version!r}; version {VERSION} is understood, update the program."
-        raise ValueError(msg)
-    missing = [key for key in _KEYS if key not in content]
-    if missing:
-        msg = f"The file {path} lacks {', '.join(missing)}; write the surface again with all keys."
-        raise ValueError(msg)
-    for key, needed in (("frame", "RAS"), ("unit", "mm")):
-        if content[key] != needed:
-            msg = f"The file {path} has the {key} {content[key]!r}; convert the surface to {needed!r}."
-            raise ValueError(msg)
+    content = checked_content(
+        file_bytes(path, kind="surface"), f"file {path}", kind="surface", schema=SCHEMA, version=VERSION, keys=_KEYS
+    )
     for key in _TEXTS:
         if not isinstance(content[key], str):
             msg = f'The file {path} has a {key} that is not text; give text, or "" if it is unknown.'
             raise ValueError(msg)
+    surface = _surface_of(content, path)
+    return SurfaceRecord(surface, **{key: content[key] for key in _TEXTS})
 
 
 def _surface_of(content: dict, path: Path) -> BSplineSurface:

@@ -29,7 +29,6 @@ first cut in u once around, without the poles; the pole at v_max. Other keys are
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -39,6 +38,7 @@ import numpy as np
 from ..files import replacing
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_place
+from ..json_files import checked_content, file_bytes, json_text
 from .cuts import OrganCuts
 from .model import MultiPatchModel, Part, Patch, assembled
 
@@ -109,8 +109,7 @@ def model_text(model: MultiPatchModel) -> str:
         "fixed": {place: group.tolist() for place, group in model.fixed.items()},
         "landmarks": {place: list(point) for place, point in model.landmarks.items()},
     }
-    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
-    return "{\n" + ",\n".join(lines) + "\n}\n"
+    return json_text(content)
 
 
 def read_model(path: str | os.PathLike) -> MultiPatchModel:
@@ -133,12 +132,7 @@ def read_model(path: str | os.PathLike) -> MultiPatchModel:
         If the file is not a model file that this version understands, or holds no model.
     """
     path = Path(path)
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        msg = f"The model file {path} cannot be read ({error.strerror}); give a file that exists."
-        raise OSError(msg) from error
-    return model_of_text(text, f"file {path}")
+    return model_of_text(file_bytes(path, kind="model"), f"file {path}")
 
 
 def model_of_text(text: str | bytes, where: str) -> MultiPatchModel:
@@ -160,12 +154,8 @@ def model_of_text(text: str | bytes, where: str) -> MultiPatchModel:
     ValueError
         If the text is not that of a model that this version understands.
     """
-    try:
-        content = json.loads(text, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        msg = f"The {where} is not valid JSON ({error}); give a model file as the program writes it."
-        raise ValueError(msg) from error
-    _check_header(content, where)
+    content = checked_content(text, where, kind="model", schema=SCHEMA, version=VERSION, keys=_KEYS)
+    _check_kinds(content, where)
     try:
         return _model_of(content)
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -182,29 +172,8 @@ def is_model_file(path: str | os.PathLike) -> bool:
         return False
 
 
-def _refuse_constant(text: str) -> float:
-    msg = f"{text} is not a number"
-    raise ValueError(msg)
-
-
-def _check_header(content: object, where: str) -> None:
-    """Refuse everything but this schema, version, frame and unit, with all keys."""
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
-        msg = f"The {where} has the schema {found!r}; {SCHEMA!r} is understood, give a model file."
-        raise ValueError(msg)
-    version = content.get("version")
-    if isinstance(version, bool) or version != VERSION:
-        msg = f"The {where} has version {version!r}; version {VERSION} is understood, update the program."
-        raise ValueError(msg)
-    missing = [key for key in _KEYS if key not in content]
-    if missing:
-        msg = f"The {where} lacks {', '.join(missing)}; write the model again with all keys."
-        raise ValueError(msg)
-    for key, needed in (("frame", "RAS"), ("unit", "mm")):
-        if content[key] != needed:
-            msg = f"The {where} has the {key} {content[key]!r}; convert the model to {needed!r}."
-            raise ValueError(msg)
+def _check_kinds(content: Mapping[str, object], where: str) -> None:
+    """Refuse keys that hold something of another kind."""
     for key, kind in (
         ("organs", dict),
         ("parts", list),

@@ -1,0 +1,105 @@
+"""JSON files with a schema that lose no bit: a key of the outer object in each line, RAS mm."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+_FRAME_AND_UNIT = {"frame": "RAS", "unit": "mm"}
+
+
+def json_text(content: Mapping[str, object]) -> str:
+    """Text of a file, with as many digits of each number as bring the same double back.
+
+    Parameters
+    ----------
+    content : mapping of str to object
+        Without numbers that are not finite.
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def file_bytes(path: Path, *, kind: str) -> bytes:
+    """Read a file.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file is to hold, for messages: "surface".
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        msg = f"The {kind} file {path} cannot be read ({error.strerror}); give a file that exists."
+        raise OSError(msg) from error
+
+
+def checked_content(
+    text: str | bytes, where: str, *, kind: str, schema: str, version: int, keys: Iterable[str]
+) -> dict[str, object]:
+    """Parse the text of a file, and refuse everything but one schema, version, frame and unit, with all keys.
+
+    Parameters
+    ----------
+    text : str or bytes
+    where : str
+        What holds it, for messages: "file bladder.json".
+    kind : str
+        What it is to hold: "surface".
+    schema : str
+    version : int
+    keys : iterable of str
+        That must be there, "frame" and "unit" among them.
+
+    Returns
+    -------
+    dict of str to object
+
+    Raises
+    ------
+    ValueError
+        With a sentence for the user.
+    """
+    try:
+        content = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        msg = f"The {where} is not valid JSON ({error}); give a {kind} file as the program writes it."
+        raise ValueError(msg) from error
+    if not isinstance(content, dict) or content.get("schema") != schema:
+        found = content.get("schema") if isinstance(content, dict) else None
+        msg = f"The {where} has the schema {found!r}; {schema!r} is understood, give a {kind} file."
+        raise ValueError(msg)
+    found = content.get("version")
+    if isinstance(found, bool) or found != version:
+        msg = f"The {where} has version {found!r}; version {version} is understood, update the program."
+        raise ValueError(msg)
+    missing = [key for key in keys if key not in content]
+    if missing:
+        msg = f"The {where} lacks {', '.join(missing)}; write the {kind} again with all keys."
+        raise ValueError(msg)
+    for key, needed in _FRAME_AND_UNIT.items():
+        if content[key] != needed:
+            msg = f"The {where} has the {key} {content[key]!r}; convert the {kind} to {needed!r}."
+            raise ValueError(msg)
+    return content
+
+
+def _refuse_constant(text: str) -> float:
+    msg = f"{text} is not a number"
+    raise ValueError(msg)
