@@ -1,4 +1,4 @@
-"""Formats a model is saved in, by the ending of the file's name."""
+"""Formats that a model is saved in, by the ending of the file's name."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from pathlib import Path
 
 from .file import write_model
 from .model import MultiPatchModel
+from .picture import draw_model
 from .step import write_model_step
 from .vtp import write_model_vtp
 
-_WRITERS = {".json": write_model, ".step": write_model_step, ".stp": write_model_step, ".vtp": write_model_vtp}
-PICTURE = ".png"
-SUFFIXES = (PICTURE, *_WRITERS)
+_WRITERS = {
+    ".png": draw_model,
+    ".json": write_model,
+    ".step": write_model_step,
+    ".stp": write_model_step,
+    ".vtp": write_model_vtp,
+}
+SUFFIXES = tuple(_WRITERS)
 
 
 def check_suffix(path: str | os.PathLike) -> str:
@@ -32,10 +38,4 @@ def check_suffix(path: str | os.PathLike) -> str:
 
 def save_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
     """Write a model in the format that the file's name asks for; see :meth:`.model.MultiPatchModel.save`."""
-    suffix = check_suffix(path)
-    if suffix == PICTURE:
-        from .picture import draw_model
-
-        draw_model(model, path)
-    else:
-        _WRITERS[suffix](model, path)
+    _WRITERS[check_suffix(path)](model, path)

@@ -1,4 +1,4 @@
-"""Landmarks: named places on bone that tell where a model lies far from its organs."""
+"""Landmarks: named places on bone, which hold a model where it lies far from its organs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from ..files import reason
+from ..frames import RAS_TO_LPS
 from .model import MultiPatchModel
 
 # Farther from where the organs put it, a landmark is another one, or in another frame.
 LARGEST_DISTANCE_MM = 30.0
-_FROM_LPS = np.array([-1.0, -1.0, 1.0])
 
 
 def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
@@ -66,7 +66,7 @@ def _of_slicer(content: Mapping[str, object], path: Path) -> list[tuple[str, obj
     pairs = []
     try:
         for markup in content["markups"]:
-            sides = np.ones(3) if markup.get("coordinateSystem", "LPS") in ("RAS", "0") else _FROM_LPS
+            sides = np.ones(3) if markup.get("coordinateSystem", "LPS") in ("RAS", "0") else RAS_TO_LPS
             for point in markup["controlPoints"]:
                 if point.get("positionStatus", "defined") == "defined":
                     pairs.append((str(point["label"]), (np.array(point["position"], dtype=float) * sides).tolist()))
