@@ -1,4 +1,4 @@
-"""What is wrong with a model is found and said with the names of its parts."""
+"""What is wrong with a model is found and reported with the names of its parts."""
 
 from __future__ import annotations
 

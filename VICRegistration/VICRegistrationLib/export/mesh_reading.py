@@ -80,7 +80,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
         msg = f"The file {path} holds no triangles that can be read; give a closed mesh as a {path.suffix} file."
         raise ValueError(msg)
     points, triangles = triangles_in(found)
-    return points * (RAS_TO_LPS if (frame or _told_frame(data, header)) == "LPS" else 1.0), triangles
+    return points * (RAS_TO_LPS if (frame or _marked_frame(data, header)) == "LPS" else 1.0), triangles
 
 
 def is_image(path: str | os.PathLike) -> bool:
@@ -156,7 +156,7 @@ def _lenient_stl(path: Path) -> vtkPolyData:
     return polydata(points, np.arange(len(points) // 3 * 3).reshape(-1, 3))
 
 
-def _told_frame(data: vtkPolyData, header: bytes) -> str:
+def _marked_frame(data: vtkPolyData, header: bytes) -> str:
     """Frame that a file is marked with; LPS if there is no mark."""
     array = data.GetFieldData().GetAbstractArray("SPACE")
     if isinstance(array, vtkStringArray) and array.GetNumberOfValues() == 1:

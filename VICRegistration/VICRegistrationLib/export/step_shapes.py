@@ -213,7 +213,7 @@ def _add_edges(entities: Entities, strips, nets, surfaces) -> list[str]:
     edges = []
     for number, (strip, net) in enumerate(zip(strips, nets)):
         curve = add_curve(entities, strip.degrees[1], strip.knots_v, net[0])
-        # Said in the parameters of both faces too, or readers approximate what is a straight line there.
+        # Also written in the parameters of both faces, or readers approximate what is a straight line there.
         before = add_line(entities, surfaces[number - 1], (strips[number - 1].domain[0][1], 0.0), (0.0, 1.0), plane)
         own = add_line(entities, surfaces[number], (strip.domain[0][0], 0.0), (0.0, 1.0), plane)
         curve = entities.add(f"{kind}('',{curve},({before},{own}),.CURVE_3D.)")

@@ -16,7 +16,7 @@ from .model import MultiPatchModel, Part, Patch
 from .topology import open_edges, share_of_points, shell
 from .triangles import model_triangles
 
-# Sizes of organs that are believed, mm: the diagonal of the box around one.
+# Sizes that organs have, mm: the diagonal of the box around one.
 _ORGAN_SIZES = (15.0, 500.0)
 # Deeper inside an organ than this is through its wall, mm. From 1e-9 to 0.5 the same is found: nothing in the pelvis as
 # it ships, carried at random or fitted to the demo, and a cord that is led through the rectum.
@@ -90,7 +90,7 @@ def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Yields
     ------
     Diagnostic
-        The deepest place of each part in each organ; of two organs that overlap, only one says so.
+        The deepest place of each part in each organ; two organs that overlap are reported once.
     """
     for part in model.parts:
         points = _part_samples(model, part)
@@ -227,7 +227,7 @@ def _sizes(model: MultiPatchModel) -> list[Diagnostic]:
 
 
 def _frame(model: MultiPatchModel) -> list[Diagnostic]:
-    """Names that say that x runs to the left, or y to the back."""
+    """Names by which x runs to the left, or y to the back."""
     found = []
     places = {**{part.name: _middle(model, part) for part in model.parts}, **model.landmarks}
     for name, place in places.items():

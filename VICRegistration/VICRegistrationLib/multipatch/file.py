@@ -164,7 +164,7 @@ def model_of_text(text: str | bytes, where: str) -> MultiPatchModel:
 
 
 def is_model_file(path: str | os.PathLike) -> bool:
-    """Whether a file says that it holds a model."""
+    """Whether a file has the schema of a model at its beginning."""
     try:
         with Path(path).open("rb") as file:
             return f'"{SCHEMA}"'.encode() in file.read(200)
@@ -184,8 +184,8 @@ def _check_kinds(content: Mapping[str, object], where: str) -> None:
         ("name", str),
     ):
         if not isinstance(content[key], kind):
-            words = {dict: "an object", list: "a list", str: "text"}
-            msg = f"The {where} has {key} that are no {words[kind].split()[-1]}; give {words[kind]}."
+            needed = {dict: "an object", list: "a list", str: "text"}[kind]
+            msg = f"The key {key!r} of the {where} is not {needed}; give {needed}."
             raise ValueError(msg)
 
 
@@ -222,9 +222,9 @@ def _model_of(content: dict) -> MultiPatchModel:
         name=content["name"],
     )
     for organ, part in model.ranges().items():
-        count, said = part.stop - part.start, content["organs"][organ]["points"]
-        if count != said:
-            msg = f"The organ {organ!r} is said to have {said} points; its net and cuts give {count}."
+        count, given = part.stop - part.start, content["organs"][organ]["points"]
+        if count != given:
+            msg = f"The organ {organ!r} is said to have {given} points; its net and cuts give {count}."
             raise ValueError(msg)
     return model
 
@@ -260,8 +260,12 @@ def _numbers(values: object, what: str, dimensions: int) -> np.ndarray:
     except (ValueError, TypeError):
         array = np.zeros(0)
     if array.ndim != dimensions or not array.size or (dimensions > 1 and array.shape[-1] != 3):
-        shape = {1: "a list of numbers", 2: "a list of points [r, a, s]", 3: "rows of points [r, a, s]"}[dimensions]
-        msg = f"The {what} are no such lists; give {shape} of equal length."
+        shape = {
+            1: "a list of numbers",
+            2: "a list of points [r, a, s]",
+            3: "rows of equal length of points [r, a, s]",
+        }[dimensions]
+        msg = f"The {what} must be {shape}; the file has something else there."
         raise ValueError(msg)
     return array
 
@@ -273,8 +277,7 @@ def _whole(values: object, what: str, dimensions: int) -> np.ndarray:
     except ValueError:
         array = np.zeros(0)
     if array.ndim != dimensions or array.dtype.kind != "i":
-        msg = (
-            f"The {what} are no whole numbers in {'rows of equal length' if dimensions == 2 else 'a list'}; give them."
-        )
+        shape = {1: "a list of whole numbers", 2: "rows of equal length of whole numbers"}[dimensions]
+        msg = f"The {what} must be {shape}; the file has something else there."
         raise ValueError(msg)
     return array

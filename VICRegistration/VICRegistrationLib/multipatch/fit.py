@@ -31,7 +31,7 @@ from .model import MultiPatchModel
 from .organs import fit_organs
 from .placement import Placement
 
-# Fewer organs do not say how a pelvis is turned.
+# With fewer organs it is not known how a pelvis is turned.
 _LEAST_ORGANS = 2
 # Where the map makes space smaller than this share, what it carries is no longer like the model.
 LEAST_DETERMINANT = 0.1
@@ -75,7 +75,7 @@ class ModelFit:
     seconds: float
 
     def __repr__(self) -> str:
-        """Tell the result in one line."""
+        """Show the result in one line."""
         return (
             f"ModelFit({len(self.organs)} organs fitted, {len(self.predicted)} predicted, {len(self.estimated)} parts "
             f"estimated, smallest determinant {self.smallest_determinant[0]:.2f}, {self.seconds:.2g} s)"

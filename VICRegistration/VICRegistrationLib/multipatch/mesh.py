@@ -1,7 +1,7 @@
 """Meshes of models by gmsh: tetrahedra of organs and cords, triangles of sheets, with common nodes where they meet.
 
 All patches are one shell, of which faces share their edges, so that gmsh needs to cut nothing and conforming parts
-follow by themselves. What passes through something else is not cut there; it is said.
+follow by themselves. What passes through something else is not cut there; a note reports it.
 """
 
 from __future__ import annotations

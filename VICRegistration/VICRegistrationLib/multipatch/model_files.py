@@ -25,7 +25,7 @@ def write_model_files(model: MultiPatchModel, folder: Path) -> tuple[list[str], 
     names : list of str
         Of the files that were written.
     problem : str
-        A sentence that says why there is no STEP file; empty if there is one.
+        Why there is no STEP file, in a sentence; empty if there is one.
 
     Raises
     ------

@@ -187,13 +187,13 @@ def _beside_others(steps, name: str, surfaces: Mapping[str, BSplineSurface]):
 
 
 def _chosen(organ: _Organ, cost: float) -> _Organ:
-    """Choose tau, smoothness and anchor of an organ by what the coarse stage has come to."""
+    """Choose tau, smoothness and anchor of an organ by the last step and the cost of the coarse stage."""
     schedule, choices = choose_by(replace(organ.history[-1], cost=cost), organ.schedule, organ.asked)
     return replace(organ, schedule=schedule, choices=choices)
 
 
 def _by_itself(image: Image, organ: _Organ, placed: BSplineSurface, *, start: float) -> Generator[Step, None, OrganFit]:
-    """Register an organ with its own control points, from where all of them have come to."""
+    """Register an organ with its own control points, from the surface that all of them together have led to."""
     outcome = yield from recorded(_register(organ, placed), organ.history)
     points = checked_boundary_points(None)
     fit = yield from completed(image, organ.history, outcome, points, region=organ.region, start=start)

@@ -50,7 +50,7 @@ def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> Mode
     ----------
     model : MultiPatchModel
     chord_error : float
-        Largest distance between triangles and surface, mm; about that where patches are very long and bent.
+        Largest distance between triangles and surface, mm; a little more where patches are very long and bent.
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 Arrays of the triangles: ``patch`` and ``part``, the names; ``patch_number`` and ``part_number``, from 1 in the order of
 the model; ``estimated``, 1 where the image does not show the part. Names of estimated parts and patches end in
-"(estimated)". Points are LPS mm, and the file says so as those of single organs do.
+"(estimated)". Points are LPS mm, which the file states as those of single organs do.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def part_polydata(model: MultiPatchModel, *, chord_error: float = 0.1) -> dict[s
 
 
 def _named(model: MultiPatchModel, points: np.ndarray, triangles: np.ndarray, patch_of: np.ndarray) -> vtkPolyData:
-    """Triangles as VTK data that says which patch and part each belongs to."""
+    """Triangles as VTK data, with the patch and the part that each belongs to."""
     data = polydata(points, triangles)
     cells = data.GetCellData()
     parts = [part.name for part in model.parts]
