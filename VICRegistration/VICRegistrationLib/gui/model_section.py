@@ -12,7 +12,7 @@ from ..mrml.generic_model import GenericModelParameters, createLandmarks, modelN
 from ..mrml.generic_model_export import exportModel, modelMeshArguments
 from ..mrml.generic_model_fit import modelSteps
 from ..mrml.generic_model_nodes import colorByPatch, findModel, isColoredByPatch, messageOf
-from ..mrml.points import placedPoints, placingEvents
+from ..mrml.points import placedIndices, placingEvents
 from ..multipatch.library import MODELS
 from .binding import Binding
 from .fit_section import focusOnce
@@ -337,10 +337,9 @@ class ModelSection(VTKObservationMixin):
 
 def _landmarksText(node):
     """How many points of a list are placed, and the name of the next one."""
-    count, placed = node.GetNumberOfControlPoints(), len(placedPoints(node))
-    text = _("{placed} of {count} placed").format(placed=placed, count=count)
-    defined = slicer.vtkMRMLMarkupsNode.PositionDefined
-    missing = [index for index in range(count) if node.GetNthControlPointPositionStatus(index) != defined]
+    count, placed = node.GetNumberOfControlPoints(), placedIndices(node)
+    text = _("{placed} of {count} placed").format(placed=len(placed), count=count)
+    missing = [index for index in range(count) if index not in placed]
     if not missing:
         return text
     return _("{text}; next: {name}").format(text=text, name=node.GetNthControlPointLabel(missing[0]))

@@ -4,12 +4,11 @@
 import json
 from typing import Optional
 
-import slicer
 from slicer import vtkMRMLMarkupsFiducialNode
 from slicer.i18n import tr as _
 from slicer.parameterNodeWrapper import parameterNodeWrapper
 
-from .points import createPoints
+from .points import createPoints, placedIndices
 from .volumes import localPoints, putUnderVolume
 
 # Attribute of an organ's parameter node: the organ of the model that it is, or null, as JSON.
@@ -159,9 +158,7 @@ def placedLandmarks(markupsNode, volumeNode):
         If two points have the same label.
     """
     found = {}
-    for index in range(markupsNode.GetNumberOfControlPoints() if markupsNode is not None else 0):
-        if markupsNode.GetNthControlPointPositionStatus(index) != slicer.vtkMRMLMarkupsNode.PositionDefined:
-            continue
+    for index in placedIndices(markupsNode):
         label = markupsNode.GetNthControlPointLabel(index)
         if label in found:
             raise ValueError(

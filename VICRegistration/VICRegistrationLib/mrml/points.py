@@ -115,6 +115,24 @@ def addPoints(markupsNode, points):
         markupsNode.AddControlPointWorld(*(float(coordinate) for coordinate in position))
 
 
+def placedIndices(markupsNode):
+    """List the indices of the points that were placed in a list.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode or None
+        Points that are still being placed do not count.
+
+    Returns
+    -------
+    list of int
+        Empty without a list.
+    """
+    count = markupsNode.GetNumberOfControlPoints() if markupsNode is not None else 0
+    defined = slicer.vtkMRMLMarkupsNode.PositionDefined
+    return [index for index in range(count) if markupsNode.GetNthControlPointPositionStatus(index) == defined]
+
+
 def placedPoints(markupsNode):
     """Points that were placed in a list, in the world.
 
@@ -128,9 +146,7 @@ def placedPoints(markupsNode):
     (n, 3) ndarray
         World RAS mm; empty without a list.
     """
-    if markupsNode is None:
-        return np.empty((0, 3))
-    placed = [markupsNode.GetNthControlPointPositionWorld(index) for index in _placedIndices(markupsNode)]
+    placed = [markupsNode.GetNthControlPointPositionWorld(index) for index in placedIndices(markupsNode)]
     return np.reshape(placed, (-1, 3))
 
 
@@ -146,9 +162,7 @@ def placedIn(markupsNode):
     list of vtkMRMLNode or None
         One for every point that was placed; None where Slicer does not know, as of a point placed in 3D or by a script.
     """
-    if markupsNode is None:
-        return []
-    ids = [markupsNode.GetNthControlPointAssociatedNodeID(index) for index in _placedIndices(markupsNode)]
+    ids = [markupsNode.GetNthControlPointAssociatedNodeID(index) for index in placedIndices(markupsNode)]
     return [slicer.mrmlScene.GetNodeByID(nodeId) if nodeId else None for nodeId in ids]
 
 
@@ -161,7 +175,7 @@ def labelPoints(markupsNode, labels):
     labels : sequence of str
         One for every point that was placed.
     """
-    for index, label in zip(_placedIndices(markupsNode), labels):
+    for index, label in zip(placedIndices(markupsNode), labels):
         if markupsNode.GetNthControlPointLabel(index) != label:
             markupsNode.SetNthControlPointLabel(index, label)
 
@@ -173,11 +187,5 @@ def removeLastPoint(markupsNode):
     ----------
     markupsNode : vtkMRMLMarkupsFiducialNode
     """
-    for index in _placedIndices(markupsNode)[-1:]:
+    for index in placedIndices(markupsNode)[-1:]:
         markupsNode.RemoveNthControlPoint(index)
-
-
-def _placedIndices(markupsNode):
-    defined = slicer.vtkMRMLMarkupsNode.PositionDefined
-    count = markupsNode.GetNumberOfControlPoints()
-    return [index for index in range(count) if markupsNode.GetNthControlPointPositionStatus(index) == defined]
