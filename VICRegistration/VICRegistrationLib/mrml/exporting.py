@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 import slicer
-import vtk
 from slicer.i18n import tr as _
 
 from .organ_nodes import removeNodes
-from .surfaces import surfaceFromModel
+from .surfaces import movedSurface, surfaceFromModel
+from .volumes import linearRelation
 
 MESHES = (".vtu", ".msh", ".inp", ".med", ".bdf")
 QUALITY_ATTRIBUTE = "VIC.quality"
@@ -41,18 +41,15 @@ def worldSurface(organ):
     surface, parent = surfaceFromModel(organ.surface), organ.surface.GetParentTransformNode()
     if parent is None:
         return surface
-    if not parent.IsTransformToWorldLinear():
+    matrix = linearRelation(parent, None)
+    if matrix is None:
         raise ValueError(
             _(
                 "The organ {name} is under a transform that bends it; a B-spline surface cannot follow that exactly. "
                 "Take the volume out of the transform, or harden the transform on the volume and fit again."
             ).format(name=organ.label)
         )
-    matrix = vtk.vtkMatrix4x4()
-    parent.GetMatrixTransformToWorld(matrix)
-    moved = surface.transformed(slicer.util.arrayFromVTKMatrix(matrix))
-    # A mirror turns it inside out.
-    return moved.turned() if matrix.Determinant() < 0.0 else moved
+    return movedSurface(surface, matrix)
 
 
 def exportSurfaces(organs, folder, suffix, *, faces=1):

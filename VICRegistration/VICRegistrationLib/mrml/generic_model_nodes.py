@@ -12,11 +12,11 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
-from .organ_nodes import removeNodes
+from .organ_nodes import createFolder, removeNodes
 from .organs import storable
 from .regions import TYPE_ATTRIBUTE
-from .surfaces import createModel
-from .volumes import putUnderVolume
+from .surfaces import affineMap, createModel
+from .volumes import linearRelation, putUnderVolume
 
 _TYPE = "generic model"
 # Attributes of the text and of a part, and the reference of both to their volume.
@@ -25,8 +25,6 @@ _MESSAGE, _PART, _VOLUME = "VIC.message", "VIC.part", "VIC.volume"
 _PATCH = "patch_number"
 # As in the pictures of models.
 _TRANSLUCENT = 0.35
-# Triangles that are farther from where the model's are than this were changed, mm.
-_OWN_MM = 1e-2
 
 
 def showModel(volumeNode, model, message):
@@ -201,19 +199,15 @@ def modelOfVolume(volumeNode):
 
 
 def _matrixToWorld(volumeNode):
-    parent = volumeNode.GetParentTransformNode()
-    if parent is None:
-        return np.eye(4)
-    if not parent.IsTransformToWorldLinear():
+    matrix = linearRelation(volumeNode.GetParentTransformNode(), None)
+    if matrix is None:
         raise ValueError(
             _(
                 "The model is under a transform that bends it, which B-spline surfaces cannot follow exactly. Take the "
                 "volume out of the transform, or harden the transform on the volume and fit the model again."
             )
         )
-    matrix = vtk.vtkMatrix4x4()
-    parent.GetMatrixTransformToWorld(matrix)
-    return slicer.util.arrayFromVTKMatrix(matrix)
+    return matrix
 
 
 def _hardened(model, parts):
@@ -225,13 +219,8 @@ def _hardened(model, parts):
     if not pairs:
         return np.eye(4)
     if all(len(before) == len(now) for before, now in pairs):
-        before, now = (np.concatenate(side) for side in zip(*pairs))
-        if np.abs(now - before).max() <= _OWN_MM:
-            return np.eye(4)
-        homogeneous = np.column_stack([before, np.ones(len(before))])
-        matrix = np.eye(4)
-        matrix[:3] = np.linalg.lstsq(homogeneous, now, rcond=None)[0].T
-        if np.abs(homogeneous @ matrix[:3].T - now).max() <= _OWN_MM:
+        matrix = affineMap(*(np.concatenate(side) for side in zip(*pairs)))
+        if matrix is not None:
             return matrix
     raise ValueError(
         _(
@@ -262,9 +251,7 @@ def _createText(volumeNode):
     node.SetAttribute(TYPE_ATTRIBUTE, _TYPE)
     node.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
-    folder = hierarchy.CreateFolderItem(hierarchy.GetItemParent(hierarchy.GetItemByDataNode(volumeNode)), name)
-    hierarchy.SetItemAttribute(folder, TYPE_ATTRIBUTE, "folder")
-    hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), folder)
+    hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), createFolder(hierarchy, volumeNode, name))
     return node
 
 

@@ -330,11 +330,28 @@ def _folderOf(hierarchy, organ, volumeNode):
         folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) if node is not None else 0
         if _isFolder(hierarchy, folder):
             return folder
-    parent = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(volumeNode))
-    folder = hierarchy.CreateFolderItem(parent, _("{volume} organs").format(volume=volumeNode.GetName()))
-    hierarchy.SetItemAttribute(folder, TYPE_ATTRIBUTE, _FOLDER)
+    folder = createFolder(hierarchy, volumeNode, _("{volume} organs").format(volume=volumeNode.GetName()))
     if regions is not None:
         hierarchy.SetItemParent(hierarchy.GetItemByDataNode(regions), folder)
+    return folder
+
+
+def createFolder(hierarchy, volumeNode, name):
+    """Make a folder beside a volume.
+
+    Parameters
+    ----------
+    hierarchy : vtkMRMLSubjectHierarchyNode
+    volumeNode : vtkMRMLScalarVolumeNode
+    name : str
+
+    Returns
+    -------
+    int
+        Item of the folder; :func:`removeNodes` removes it when it is empty.
+    """
+    folder = hierarchy.CreateFolderItem(hierarchy.GetItemParent(hierarchy.GetItemByDataNode(volumeNode)), name)
+    hierarchy.SetItemAttribute(folder, TYPE_ATTRIBUTE, _FOLDER)
     return folder
 
 

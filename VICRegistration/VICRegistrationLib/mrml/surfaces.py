@@ -168,9 +168,7 @@ def surfaceFromModel(modelNode, *, corrected=True):
     surface = surface_in(fields, where, remedy=remedy, role=_UNCORRECTED) if uncorrected else shown
     if np.array_equal(matrix, np.eye(4)):
         return surface
-    moved = surface.transformed(matrix)
-    # A mirror turns it inside out.
-    return moved.turned() if np.linalg.det(matrix[:3, :3]) < 0.0 else moved
+    return movedSurface(surface, matrix)
 
 
 def _matrixTo(data, surface):
@@ -182,17 +180,49 @@ def _matrixTo(data, surface):
         return None
     points = vtk_to_numpy(data.GetPoints().GetData()).astype(float)
     places = triangulate(surface, chord_error=_CHORD_ERROR_MM).points
-    if len(places) == len(points):
-        if np.abs(places - points).max() <= _OWN_MM:
-            return np.eye(4)
-        solution = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))]), points, rcond=None)[0]
-        matrix = np.eye(4)
-        matrix[:3] = solution.T
-        if np.abs(places @ matrix[:3, :3].T + matrix[:3, 3] - points).max() <= _OWN_MM:
-            return matrix
+    matrix = affineMap(places, points) if len(places) == len(points) else None
+    if matrix is not None:
+        return matrix
     # Other triangles of the same surface, as of a file; slower to find out.
     some = points[:: max(len(points) // _CHECKED_POINTS, 1)]
     return np.eye(4) if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM else None
+
+
+def movedSurface(surface, matrix):
+    """Surface moved by an affine map, with its normals outward even where the map mirrors it.
+
+    Parameters
+    ----------
+    surface : VICRegistrationLib.geometry.surface.BSplineSurface
+    matrix : (4, 4) ndarray
+
+    Returns
+    -------
+    VICRegistrationLib.geometry.surface.BSplineSurface
+    """
+    moved = surface.transformed(matrix)
+    return moved.turned() if np.linalg.det(matrix[:3, :3]) < 0.0 else moved
+
+
+def affineMap(before, now):
+    """Affine map that points were moved by.
+
+    Parameters
+    ----------
+    before, now : (n, 3) ndarray
+        mm.
+
+    Returns
+    -------
+    (4, 4) ndarray or None
+        The identity where no point is farther away than those of a file in single precision are. None if no affine map
+        takes the points as close to where they are now.
+    """
+    if np.abs(before - now).max() <= _OWN_MM:
+        return np.eye(4)
+    matrix = np.eye(4)
+    matrix[:3] = np.linalg.lstsq(np.column_stack([before, np.ones(len(before))]), now, rcond=None)[0].T
+    return matrix if np.abs(before @ matrix[:3, :3].T + matrix[:3, 3] - now).max() <= _OWN_MM else None
 
 
 def worldVolumeMl(modelNode, surface):
