@@ -225,7 +225,7 @@ def _stage(sampler: Sampler, surface: BSplineSurface, tau: float) -> Stage | Non
 def judged(
     sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, *, known: np.ndarray | None = None
 ) -> Alignment:
-    """Tell how much of an edge a stack shows along a surface that is moved; `known` as in :func:`align`."""
+    """Measure how much of an edge a stack shows along a surface that is moved; `known` as in :func:`align`."""
     known = np.ones(np.prod(_SAMPLES)) if known is None else known
     moved = surface.transformed(motion)
     voxel = sampler.image.ijk_to_ras[:3, :3]

@@ -119,8 +119,8 @@ class JointStacks:
     def realigned(self, schedule: Schedule, surface: BSplineSurface) -> tuple[Schedule, BSplineSurface]:
         """Align a surface that was fitted to all stacks with the first one, and the others with it.
 
-        Where the surface lies is for the first stack alone to say, for the others move with it; and what it says is
-        little where another one is sharper. Steps of the surface alone would take many turns to find it.
+        Only the first stack determines where the surface lies, for the others move with it; and it counts little where
+        another one is sharper. Steps of the surface alone would take many turns to find that place.
         """
         if not schedule.views:
             return schedule, surface
@@ -150,13 +150,15 @@ class JointStacks:
     def leave_out_contradicting(self) -> bool:
         """Leave out the stack that contradicts the first one most, by a surface that was fitted to both; if one does.
 
-        Before the surface is as fine as the organ, it is off its edge in every stack, and nothing can be told.
+        Before the surface is as fine as the organ, it is off its edge in every stack, and no stack can be judged.
         """
         excess = []
         for stack, reason, found in zip(self.stacks, self._reasons, self._found):
+            if reason is not None:
+                excess.append(0.0)
+                continue
             limit = max(_LARGEST_DISAGREEMENT_MM, _LARGEST_DISAGREEMENT_PIXELS * float(min(stack.image.spacing)))
-            apart = 0.0 if reason is not None else found.disagreement(self._own) / limit
-            excess.append(apart if reason is not None else max(apart, found.cost / _LARGEST_COST))
+            excess.append(max(found.disagreement(self._own) / limit, found.cost / _LARGEST_COST))
         if not excess or max(excess) <= 1.0:
             return False
         worst = int(np.argmax(excess))
@@ -165,7 +167,7 @@ class JointStacks:
         return True
 
     def uses(self, surface: BSplineSurface) -> tuple[StackUse, ...]:
-        """Tell what became of each stack, by the surface in the end, in the frame of the fit."""
+        """Say what became of each stack, by the surface in the end, in the frame of the fit."""
         center = self._center(surface)
         return tuple(
             StackUse(

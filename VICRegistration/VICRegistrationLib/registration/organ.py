@@ -240,7 +240,7 @@ def fit_region(
 
 
 def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSplineSurface, Schedule, np.ndarray]:
-    """Place a generic model, plan its fit, and tell the frame of both: (4, 4) to RAS mm."""
+    """Place a generic model and plan its fit; returns both, and their frame: (4, 4) to RAS mm."""
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, options.filled_in(threshold=region.threshold))
     net = first_net(options.net, options.closure)
@@ -279,9 +279,9 @@ def complete_region(
     start = yield from recorded(_started(model, schedule, "first stack alone, "), history, local_to_ras=frame)
     joint = JointStacks(stacks, frame)
     joint.beside(schedule, start.coarse.surface)
-    stacks = tuple(use.stack if use.used else stack for use, stack in zip(joint.uses(start.coarse.surface), stacks))
-    used = [use for use in joint.uses(start.coarse.surface) if use.used]
-    return completed_region(image, region, [(use.image, use.motion) for use in used]), stacks
+    uses = joint.uses(start.coarse.surface)
+    stacks = tuple(use.stack if use.used else stack for use, stack in zip(uses, stacks))
+    return completed_region(image, region, [(use.image, use.motion) for use in uses if use.used]), stacks
 
 
 @dataclass(frozen=True, eq=False)

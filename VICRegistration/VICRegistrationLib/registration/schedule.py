@@ -36,7 +36,7 @@ REGION_COST_TOLERANCE = 2e-2
 BOUNDARY_TOLERANCE = 0.02
 # Smoothness before the noise is known.
 SMOOTHNESS_TO_START = 1e-5
-# Where a surface is looked at to tell how much of it an image shows.
+# Samples (u, v) of a surface by which is judged how much of it an image shows.
 _SEEN_AT = (24, 16)
 # Least width of an edge that is looked for, in voxels.
 _LEAST_TAU = 0.1
@@ -74,7 +74,7 @@ class View:
         return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
 
     def voxels_along(self, surface: BSplineSurface) -> float:
-        """Tell how many of its voxels lie in a band around a surface, as wide as its edge."""
+        """Count its voxels that lie in a band around a surface, as wide as its edge."""
         return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
 
     def compared(self, options: FitOptions, *, widening: float) -> Further:

@@ -8,7 +8,7 @@ A fit takes the image in which the organ was separated, and any number of furthe
 
 The patient moves between two stacks, so that each further one has a rigid motion, found with the surface: see
 :mod:`.alignment`. It belongs to the organ and the stack, for organs also fill and slide. A stack that does not show the
-organ as the first one does is left out, and why is told.
+organ as the first one does is left out, and the reason is given.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Stack:
     image : Image or path
         In its own RAS mm, on any grid, in any contrast.
     name : str
-        By which it is told in results; the name of the file, or a number, if not given.
+        By which results name it; the name of the file, or a number, if not given.
     motion : (4, 4) array_like
         Where to begin to look for the organ: takes points of the first image to this one, RAS mm. No motion if not
         given; that of an earlier fit (`StackUse.motion`) to fit again.

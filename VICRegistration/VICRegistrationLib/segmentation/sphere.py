@@ -118,8 +118,8 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
         shifts = np.arange(1, max(-(-most // width), 2) + 1)
         prices = _price(shifts * width * slopes[:, None], stiffness)
         for _ in range(rounds):
-            told = (coarse + gather @ messages)[ball.first] - messages[ball.back]
-            cheapest = _passed_on(told, prices)
+            sums = (coarse + gather @ messages)[ball.first] - messages[ball.back]
+            cheapest = _passed_on(sums, prices)
             change = np.abs(cheapest - messages).max()
             messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest
             if change < _SETTLED:
@@ -141,10 +141,10 @@ def _price(slopes: np.ndarray, stiffness: float) -> np.ndarray:
     return (stiffness * price).astype(np.float32)
 
 
-def _passed_on(told: np.ndarray, prices: np.ndarray) -> np.ndarray:
+def _passed_on(sums: np.ndarray, prices: np.ndarray) -> np.ndarray:
     """Least cost of the first of each pair, for each radius of the second."""
-    cheapest = told.copy()
+    cheapest = sums.copy()
     for shift, price in enumerate(prices.T, start=1):
         for here, there in ((slice(shift, None), slice(None, -shift)), (slice(None, -shift), slice(shift, None))):
-            np.minimum(cheapest[:, here], told[:, there] + price[:, None], out=cheapest[:, here])
+            np.minimum(cheapest[:, here], sums[:, there] + price[:, None], out=cheapest[:, here])
     return cheapest - cheapest.min(axis=1, keepdims=True)
