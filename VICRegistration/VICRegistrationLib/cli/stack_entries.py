@@ -57,7 +57,6 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
     return StackUse(
         name=entry["file"],
         image=read_image(entry["file"]),
-        used=entry["used"],
         reason=None if why is None else Diagnostic(why["code"], why["values"]),
         motion=np.array(entry["motion"]),
         center=np.array(entry["center"]),

@@ -173,7 +173,6 @@ class JointStacks:
             StackUse(
                 name=stack.name,
                 image=stack.image,
-                used=reason is None,
                 reason=reason,
                 motion=self._motion(stack, found),
                 center=center,

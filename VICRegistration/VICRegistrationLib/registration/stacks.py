@@ -70,10 +70,8 @@ class StackUse:
     ----------
     name : str
     image : Image
-    used : bool
-        Whether the surface was fitted to it as well.
     reason : Diagnostic or None
-        Why it was not used.
+        Why it was not used; None if it was.
     motion : (4, 4) ndarray
         Rigid, RAS mm: takes points of the first image to where this stack shows them, see `to_first`.
     center : (3,) ndarray
@@ -87,12 +85,16 @@ class StackUse:
 
     name: str
     image: Image
-    used: bool
     reason: Diagnostic | None
     motion: np.ndarray
     center: np.ndarray
     seen: float
     cost: float
+
+    @property
+    def used(self) -> bool:
+        """Whether the surface was fitted to it as well."""
+        return self.reason is None
 
     @property
     def translation_mm(self) -> np.ndarray:
