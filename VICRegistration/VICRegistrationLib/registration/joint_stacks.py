@@ -21,7 +21,7 @@ from .alignment import (
     refined,
     surroundings,
 )
-from .nets import net_of, sampled_net
+from .nets import halvings_to, sampled_net
 from .sample_grid import SampledSurface
 from .schedule import Schedule, View
 from .stacks import Stack, StackUse, rotation_degrees
@@ -137,14 +137,10 @@ class JointStacks:
         schedule, surface = self.realigned(schedule, found.surface)
         if not schedule.views:
             return schedule, found
-        closure, first = schedule.options.closure, schedule.options.net
-        halvings = 0
-        while net_of(sampled_net(first, closure, halvings).parametrization.surface, closure) != net_of(
-            found.surface, closure
-        ):
-            halvings += 1
+        net, closure = schedule.options.net, schedule.options.closure
+        space = sampled_net(net, closure, halvings_to(surface, net, closure))
         stage = replace(schedule.fine, name="grey levels, fine, motion found again")
-        found = yield from last_step(stage, sampled_net(first, closure, halvings).at(surface))
+        found = yield from last_step(stage, space.at(surface))
         return schedule, found
 
     def leave_out_contradicting(self) -> bool:

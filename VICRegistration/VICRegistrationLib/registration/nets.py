@@ -45,6 +45,12 @@ def net_of(surface: BSplineSurface, closure: str) -> tuple[int, int]:
     return (rows - surface.degrees[0] + 1 if closure == "smooth" else rows), columns
 
 
+def halvings_to(surface: BSplineSurface, net: tuple[int, int], closure: str) -> int:
+    """How often the spans of a net were halved to come to that of a surface."""
+    # Cubic splines have three control points more than spans.
+    return int(np.log2((net_of(surface, closure)[1] - 3) // (net[1] - 3)))
+
+
 def net_text(net: tuple[int, int]) -> str:
     """Size of a net in words, such as "9x7"."""
     return f"{net[0]}x{net[1]}"

@@ -41,7 +41,7 @@ from .correction import correct
 from .drift_limit import left_out, valid_at_last, within_drift_limit
 from .finer_nets import first_net, fit_finer
 from .joint_stacks import JointStacks
-from .nets import net_of, net_text, sampled_net
+from .nets import halvings_to, net_of, net_text, sampled_net
 from .options import FitOptions
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
@@ -362,10 +362,11 @@ def _on_grey_levels(
 
 def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Schedule) -> float:
     """Cost of the generic model with the levels along the surface that was found; its net becomes as fine."""
-    closure, halvings = schedule.options.closure, 0
-    while model.control_net.shape != found.control_net.shape:
-        model, halvings = model.refined(), halvings + 1
-    space = sampled_net(schedule.options.net, closure, halvings)
+    net, closure = schedule.options.net, schedule.options.closure
+    halvings = halvings_to(found, net, closure)
+    for _ in range(halvings):
+        model = model.refined()
+    space = sampled_net(net, closure, halvings)
     return schedule.fine.cost_of(space.at(found), model)
 
 
