@@ -15,7 +15,7 @@ import numpy as np
 from ..files import reason
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface
-from ..imaging.image import Image
+from ..imaging.image import Image, beginning_at
 from ..imaging.region import Region, region_from_crop
 from ..messages import Diagnostic
 from ..registration.boundary import boundary_deviations
@@ -192,8 +192,7 @@ def _restored_whole(entry: Mapping[str, object], options: FitOptions, image: Ima
     found = entry.get("whole_region")
     if found is None:
         return None
-    matrix = image.ijk_to_ras.copy()
-    matrix[:3, 3] += matrix[:3, :3] @ np.array(found["offset_kji"][::-1], dtype=float)
+    matrix = beginning_at(image.ijk_to_ras, np.array(found["offset_kji"][::-1], dtype=float))
     diagnostics = tuple(_restored_diagnostic(record) for record in found["diagnostics"])
     return Region(
         _mask(found),

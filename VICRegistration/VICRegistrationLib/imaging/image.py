@@ -139,8 +139,7 @@ class Image:
                 f"{list(self.array.shape)} voxels; choose a box inside it."
             )
             raise ValueError(msg)
-        matrix = self.ijk_to_ras.copy()
-        matrix[:3, 3] += matrix[:3, :3] @ start[::-1]
+        matrix = beginning_at(self.ijk_to_ras, start[::-1])
         box = tuple(slice(low, high) for low, high in zip(start.tolist(), stop.tolist()))
         return _view(self.array[box], matrix)
 
@@ -185,6 +184,13 @@ def _view(array, ijk_to_ras):
     object.__setattr__(image, "array", array)
     object.__setattr__(image, "ijk_to_ras", _checked_matrix(ijk_to_ras))
     return image
+
+
+def beginning_at(ijk_to_ras: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Matrix of the same grid counted from another voxel (i, j, k), in it or beyond its border; (4, 4) to RAS mm."""
+    matrix = ijk_to_ras.copy()
+    matrix[:3, 3] += matrix[:3, :3] @ first
+    return matrix
 
 
 def as_image(image) -> Image:

@@ -130,7 +130,7 @@ def _meshOfSegment(node, segmentId):
 def _meshOfVoxels(node, segmentId):
     """Triangles half-way between the voxels of a segment and those around it, or None if it has none."""
     from ..analysis.distances import mesh_of_mask
-    from ..imaging.image import Image
+    from ..imaging.image import Image, beginning_at
 
     labelmap = slicer.vtkOrientedImageData()
     if not node.GetBinaryLabelmapRepresentation(segmentId, labelmap) or labelmap.IsEmpty():
@@ -144,8 +144,7 @@ def _meshOfVoxels(node, segmentId):
     matrix = slicer.util.arrayFromVTKMatrix(toLocal)
     # An image needs two voxels along every axis, and a segment may have one.
     first = np.array(labelmap.GetExtent()[::2], dtype=float) - 1.0
-    matrix[:3, 3] += matrix[:3, :3] @ first
-    return mesh_of_mask(Image(np.pad(mask, 1), matrix))
+    return mesh_of_mask(Image(np.pad(mask, 1), beginning_at(matrix, first)))
 
 
 def _meshOfModel(node):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ..geometry.parametrization import rigid_matrix
 from ..imaging.image import Image
 from ..imaging.reading import write_image
 from .pelvis import pelvis_phantom
@@ -63,9 +63,7 @@ def further_stacks(
     stacks = []
     for number, direction in enumerate(DIRECTIONS[:count], start=1):
         shift, axis = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
-        motion = np.eye(4)
-        motion[:3, :3] = Rotation.from_rotvec(np.radians(turn_degrees) * axis).as_matrix()
-        motion[:3, 3] = _CENTER + shift_mm * shift - motion[:3, :3] @ _CENTER
+        motion = rigid_matrix(np.append(np.radians(turn_degrees) * axis, shift_mm * shift), _CENTER)
         own = {"size": _SIZE, "n_slices": _SLICES, **choices}
         phantom = pelvis_phantom(seed=seed + 1000 * number, direction=direction, motion=motion, **own)
         stacks.append(PhantomStack(direction, phantom.image, motion))

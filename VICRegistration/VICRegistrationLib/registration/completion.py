@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from ..imaging.image import Image
+from ..imaging.image import Image, beginning_at
 from ..imaging.region import Region
 from ..imaging.resampling import resampled
 from ..segmentation.separation import separate
@@ -50,8 +50,7 @@ def completed_region(image: Image, region: Region, stacks: Sequence[tuple[Image,
     if not parts:
         return region
     start, size = _grid(region, [part.mask for part in parts])
-    matrix = region.ijk_to_ras.copy()
-    matrix[:3, 3] += matrix[:3, :3] @ start[::-1]
+    matrix = beginning_at(region.ijk_to_ras, start[::-1])
     own = np.zeros(size, dtype=bool)
     own[tuple(slice(-low, -low + count) for low, count in zip(start, region.mask.shape))] = region.mask
     first = np.asarray(region.offset) + start
@@ -89,15 +88,8 @@ def _part(region: Region, stack: Image, motion: np.ndarray) -> _Part | None:
     except ValueError:
         return None
     back = np.linalg.inv(motion)
-    padded = Image(np.pad(found.mask, 1), _shifted(found.ijk_to_ras, -np.ones(3)))
-    moved = Image(padded.array, back @ padded.ijk_to_ras)
+    moved = Image(np.pad(found.mask, 1), back @ beginning_at(found.ijk_to_ras, -np.ones(3)))
     return _Part(moved, Image(stack.array, back @ stack.ijk_to_ras))
-
-
-def _shifted(ijk_to_ras: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    matrix = ijk_to_ras.copy()
-    matrix[:3, 3] += matrix[:3, :3] @ steps
-    return matrix
 
 
 def _grid(region: Region, masks: Sequence[Image]) -> tuple[np.ndarray, np.ndarray]:
