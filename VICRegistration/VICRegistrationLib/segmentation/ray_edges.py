@@ -286,11 +286,14 @@ def _followed(image, starts, along, level, smallest, step):
 def _profiles(image, starts, along, distances):
     """Grey levels along rays, shape (rays, samples), and where they are in the volume."""
     levels, valid = Sampler(image).values(starts[:, None] + along[:, None, :] * distances[:, None])
-    # Beyond the volume nothing changes any more.
-    last = np.maximum(valid.sum(axis=1) - 1, 0)
-    levels = np.take_along_axis(levels, np.minimum(np.arange(len(distances)), last[:, None]), axis=1)
     # Single voxels of noise do not end an organ.
-    return ndimage.median_filter(levels, size=(1, 3), mode="nearest"), valid
+    return ndimage.median_filter(continued(levels, valid), size=(1, 3), mode="nearest"), valid
+
+
+def continued(levels, valid):
+    """Grey levels along rays, (rays, samples), which beyond the volume are those of its last sample."""
+    last = np.maximum(valid.sum(axis=1) - 1, 0)[:, None]
+    return np.take_along_axis(levels, np.minimum(np.arange(levels.shape[1]), last), axis=1)
 
 
 def _depth(step):

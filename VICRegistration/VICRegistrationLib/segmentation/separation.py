@@ -10,7 +10,7 @@ from scipy import ndimage
 from ..imaging.image import Image, as_image
 from ..imaging.region import Region
 from ..messages import Diagnostic
-from .checks import check_leak, check_pieces, check_scale, fills_volume
+from .checks import check_scale, fills_volume
 from .edge_support import agreement, edge_support
 from .growing import grown_region
 from .ray_edges import levels_at
@@ -82,12 +82,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     check_scale(image)
     seeds = checked_seeds(image, seeds)
     if threshold is None and erosion is None and dilation is None:
-        region = _chosen(image, seeds, fill)
-    else:
-        region = grown_region(image, seeds, threshold=threshold, erosion=erosion, dilation=dilation, fill=fill)
-    check_leak(image, region)
-    check_pieces(region)
-    return region
+        return _chosen(image, seeds, fill)
+    return grown_region(image, seeds, threshold=threshold, erosion=erosion, dilation=dilation, fill=fill)
 
 
 def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
-from .ray_edges import contrast_of, noise_of
+from .ray_edges import continued, contrast_of, noise_of
 from .sphere import cheapest_radii, sphere
 
 # Samples along a ray are so far apart, up to the longest.
@@ -210,12 +210,10 @@ class _Rays:
 
     @classmethod
     def seen(cls, sampler: Sampler, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
-        """Look along rays. Beyond the volume nothing changes any more."""
+        """Look along rays."""
         levels, valid = sampler.values(center + directions[:, None] * radii[..., None])
         valid = np.logical_and.accumulate(valid, axis=1)
-        last = np.maximum(valid.sum(axis=1) - 1, 0)[:, None]
-        levels = np.take_along_axis(levels.astype(float), np.minimum(np.arange(radii.shape[1]), last), axis=1)
-        return cls(center, directions, radii, levels, valid)
+        return cls(center, directions, radii, continued(levels.astype(float), valid), valid)
 
     @cached_property
     def contrast(self) -> float:
