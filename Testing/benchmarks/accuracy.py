@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from bladders import Bladder, bladders, drawn_image, other_seeds
+from bladders import Bladder, bladders, drawn_image, drawn_surface, other_seeds
 from measuring import table
 from scipy import ndimage
 from surfaces import contour_in_world, smoothed_contour
@@ -18,7 +18,6 @@ from VICRegistrationLib.analysis.distances import (
     Reference,
     ReferenceMesh,
     closed_mesh,
-    mesh_of_mask,
     points_on,
     signed_distances,
 )
@@ -110,7 +109,7 @@ def demo_cases() -> list[Case]:
 
 def real_case(bladder: Bladder) -> Case:
     """Take a real bladder and the lumen that experts have drawn."""
-    drawn = closed_mesh(mesh_of_mask(bladder.lumen.image))
+    drawn = drawn_surface(bladder)
     points = points_on(drawn, N_POINTS)
     normals = label_normals(bladder.lumen.image, points)
     return Case(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
@@ -39,6 +40,11 @@ def load_bladder(name: str, folder: Path = DATA) -> Bladder:
     deep = _depth(lumen)
     deepest = np.unravel_index(deep.argmax(), deep.shape)
     return Bladder(name, image, lumen, lumen.image.to_ras(np.array([deepest[::-1]], dtype=float)))
+
+
+def drawn_surface(bladder: Bladder) -> ReferenceMesh:
+    """Surface of the lumen that the experts drew, RAS mm."""
+    return closed_mesh(mesh_of_mask(bladder.lumen.image))
 
 
 def other_seeds(bladder: Bladder, count: int) -> np.ndarray:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
-from bladders import DATA, HARD, NAMES, Bladder, bladders
+from bladders import DATA, HARD, NAMES, Bladder, bladders, drawn_surface
 from measuring import table
 
-from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import read_image
@@ -21,7 +20,7 @@ from VICRegistrationLib.registration.verdict import VERDICTS, verdict_of
 N_CLICKS, N_POINTS = 300, 1500
 # A surface that is called good must be nearer than this to the experts', where the click was in their lumen.
 WORST_GOOD_MM = 2.0
-PROSTATEX = Path(DATA).parent / "prostatex"
+PROSTATEX = DATA.parent / "prostatex"
 # Clicks lie within this share of the volume's sides around its middle, where organs are.
 _INNER = 0.6
 
@@ -59,7 +58,7 @@ def report(*, quick: bool) -> str:
     total = 24 if quick else N_CLICKS
     each = total // 2 // max(len(real), 1)
     for bladder in real:
-        truth = points_on(closed_mesh(mesh_of_mask(bladder.lumen.image)), N_POINTS)
+        truth = points_on(drawn_surface(bladder), N_POINTS)
         found += [("in the lumen", *clicked(bladder.image, s, truth)) for s in inside_clicks(bladder, each, random)]
     images = [*(bladder.image for bladder in real), *others]
     each = (total - len(found)) // len(images)

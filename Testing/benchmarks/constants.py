@@ -6,8 +6,8 @@ from types import ModuleType
 from unittest import mock
 
 import numpy as np
-from bladders import HARD, NAMES, bladders
-from experts import drawn_surface, started
+from bladders import HARD, NAMES, bladders, drawn_surface
+from experts import started
 from measuring import table
 
 from VICRegistrationLib.segmentation import growing, ray_edges, sphere, star_region, star_surface

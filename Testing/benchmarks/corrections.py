@@ -26,8 +26,9 @@ def report(*, quick: bool) -> str:
     refused = []
     rows = [["bladder", "points", "mean mm", "largest mm", "points met to mm", "valid"]]
     for bladder in bladders()[: 1 if quick else None]:
-        truth = points_on(mesh_of_mask(drawn_image(bladder)), N_POINTS)
-        grey = bladder.image.array[drawn_image(bladder).array > 0]
+        drawn = drawn_image(bladder)
+        truth = points_on(mesh_of_mask(drawn), N_POINTS)
+        grey = bladder.image.array[drawn.array > 0]
         threshold = (_TOO_HIGH * float(np.median(grey)), float(grey.max()))
         first = finish(fit_organ(bladder.image, bladder.seed, FitOptions(threshold=threshold)))
         surface, points = first.surface, np.empty((0, 3))

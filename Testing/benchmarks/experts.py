@@ -6,19 +6,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from bladders import HARD, NAMES, Bladder, bladders, other_seeds
+from bladders import HARD, NAMES, Bladder, bladders, drawn_surface, other_seeds
 from measuring import table
 from surfaces import contour_in_world, smoothed_contour
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import (
-    Reference,
-    ReferenceMesh,
-    closed_mesh,
-    mesh_of_mask,
-    points_on,
-)
+from VICRegistrationLib.analysis.distances import Reference, ReferenceMesh, closed_mesh, points_on
 from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
+from VICRegistrationLib.segmentation.edge_support import agreement
 
 N_PLACES = 8
 N_POINTS = 4000
@@ -54,11 +49,6 @@ class Started:
     triangles: float = np.inf
 
 
-def drawn_surface(bladder: Bladder) -> Reference:
-    """Surface of the lumen that the experts drew, RAS mm."""
-    return closed_mesh(mesh_of_mask(bladder.lumen.image))
-
-
 def distances(reference: Reference, surface: Reference) -> tuple[np.ndarray, np.ndarray]:
     """Distances of points on a reference from a surface, and of points on the surface from the reference, mm."""
     there = np.abs(distances_from(surface, points_on(reference, N_POINTS)))
@@ -76,19 +66,9 @@ def started(bladder: Bladder, reference: Reference, seed: np.ndarray) -> Started
     corners, triangles, _ = contour_in_world(smoothed_contour(fit.region), fit.region)
     away, back = distances(reference, fit.surface)
     theirs = distances(reference, closed_mesh(ReferenceMesh(corners, triangles)))
-    sizes = float(away.mean()), float(np.quantile(away, 0.95)), overlap(bladder, fit)
+    sizes = float(away.mean()), float(np.quantile(away, 0.95)), agreement(bladder.lumen, fit.region)
     both = (float(np.concatenate(pair).mean()) for pair in ((away, back), theirs))
     return Started(*sizes, seconds, kind(fit), *both)
-
-
-def overlap(bladder: Bladder, fit: OrganFit) -> float:
-    """Dice of the region that was fitted to, and the lumen."""
-    masks = []
-    for region in (bladder.lumen, fit.region):
-        mask = np.zeros(bladder.image.array.shape, dtype=bool)
-        mask[tuple(slice(first, first + size) for first, size in zip(region.offset, region.mask.shape))] = region.mask
-        masks.append(mask)
-    return float(2.0 * np.count_nonzero(masks[0] & masks[1]) / sum(map(np.count_nonzero, masks)))
 
 
 def kind(fit: OrganFit) -> str:

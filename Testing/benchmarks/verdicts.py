@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from bladders import HARD, NAMES, Bladder, bladders, other_seeds
+from bladders import HARD, NAMES, Bladder, bladders, drawn_image, drawn_surface, other_seeds
 from clicks import clicked
 from measuring import table
 
-from VICRegistrationLib.analysis.distances import closed_mesh, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration.verdict import GOOD, VERDICTS
@@ -67,10 +67,7 @@ CHANGES: dict[str, Change] = {
 
 def changed(bladder: Bladder, change: Change) -> Bladder:
     """Change an image and its lumen alike."""
-    mask = np.zeros(bladder.image.array.shape, dtype=bool)
-    lumen = bladder.lumen
-    mask[tuple(slice(first, first + size) for first, size in zip(lumen.offset, lumen.mask.shape))] = lumen.mask
-    grey, mask = change(bladder.image.array.astype(float), mask)
+    grey, mask = change(bladder.image.array.astype(float), drawn_image(bladder).array > 0)
     image = Image(np.ascontiguousarray(grey, dtype=np.float32), bladder.image.ijk_to_ras)
     return replace(
         bladder, image=image, lumen=region_from_mask(image, np.ascontiguousarray(mask), largest_component=True)
@@ -83,7 +80,7 @@ def report(*, quick: bool) -> str:
     for bladder in bladders(names=NAMES[:1] if quick else NAMES + HARD):
         for name, change in CHANGES.items():
             case = changed(bladder, change)
-            truth = points_on(closed_mesh(mesh_of_mask(case.lumen.image)), N_POINTS)
+            truth = points_on(drawn_surface(case), N_POINTS)
             places = other_seeds(case, 1 if quick else N_PLACES)
             found += [(name, *clicked(case.image, seed, truth)) for seed in places]
     if not found:
