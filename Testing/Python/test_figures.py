@@ -14,6 +14,11 @@ def test_the_figures_of_a_page_are_printed_by_the_commands_beside_them(name):
     assert records.unsupported(PAGES[name]) == []
 
 
+@pytest.mark.parametrize("name", records.SETTINGS)
+def test_settings_that_a_page_may_name_without_a_command_are_still_on_it(name):
+    assert records.outdated(PAGES[name]) == []
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_the_tables_of_a_page_are_those_of_the_records(name):
     text = PAGES[name].read_text(encoding="utf-8")
