@@ -83,11 +83,8 @@ def chooseViews():
         if surface is not None:
             replaced.setdefault(surface, []).extend(showing)
     for surface in slicer.util.getNodesByClass("vtkMRMLModelNode"):
-        display = surface.GetDisplayNode()
-        if display is None or (surface not in replaced and display.GetAttribute(_CHOSEN) is None):
-            continue
-        without = replaced.get(surface, [])
-        if not without and display.GetAttribute(_CHOSEN) is None:
+        display, without = surface.GetDisplayNode(), replaced.get(surface, [])
+        if display is None or (not without and display.GetAttribute(_CHOSEN) is None):
             continue
         _setViews(display, [view for view in _allViews() if view not in without] if without else [])
         display.SetAttribute(_CHOSEN, "1" if without else None)
