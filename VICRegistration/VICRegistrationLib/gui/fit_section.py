@@ -86,8 +86,8 @@ class FitSection:
         further : list of vtkMRMLScalarVolumeNode
             More stacks of the patient.
         """
-        self._moreStages = _STAGES_OF_STACKS if further else 0
-        self._start(volumeNode, [(organ, fitSteps(organ, volumeNode, further), False) for organ in organs])
+        queue = [(organ, fitSteps(organ, volumeNode, further), False) for organ in organs]
+        self._start(volumeNode, queue, _STAGES_OF_STACKS if further else 0)
 
     def refit(self, organ, volumeNode):
         """Fit an organ again from its surface, through its boundary points.
@@ -97,7 +97,6 @@ class FitSection:
         organ : OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._moreStages = 0
         self._start(volumeNode, [(organ, refitSteps(organ, volumeNode), True)])
 
     def cancel(self):
@@ -113,10 +112,10 @@ class FitSection:
             self._runner.stop()
         self._plot(None)
 
-    def _start(self, volumeNode, queue):
+    def _start(self, volumeNode, queue, moreStages=0):
         if self.running:
             return
-        self._volume, self._queue = volumeNode, queue
+        self._volume, self._queue, self._moreStages = volumeNode, queue, moreStages
         self._next()
 
     def _next(self):
