@@ -405,6 +405,18 @@ class StacksTest(PanelTestCase):
         self.ui.volumeSelector.setCurrentNode(self.stack)
         self.assertEqual(self.check().text, self.volume.GetName().replace("&", "&&"))
 
+    def test_organsFollowTheirVolumeWhileAnotherOneIsChosen(self):
+        organ = self.fitted("bladder")
+        before = organ.volumeMl
+        self.ui.volumeSelector.setCurrentNode(self.stack)
+        larger = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "larger")
+        matrix = vtk.vtkMatrix4x4()
+        matrix.SetElement(0, 0, 2.0)
+        larger.SetMatrixTransformToParent(matrix)
+        self.volume.SetAndObserveTransformNodeID(larger.GetID())
+        self.assertIs(organ.surface.GetParentTransformNode(), larger)
+        self.assertAlmostEqual(organ.volumeMl, 2.0 * before, places=6)
+
     def test_aVolumeThatIsRemovedLeavesTheList(self):
         self.addStack("COR", (0.0, 0.0, 0.5))
         waitFor(lambda: self.table.rowCount == 2)

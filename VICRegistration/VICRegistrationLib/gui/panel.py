@@ -12,6 +12,7 @@ from ..mrml.generic_model_nodes import followVolumeWithModel
 from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
+from ..mrml.stack_contours import followStacks
 from ..mrml.volumes import showInSlices
 from .advanced_section import AdvancedSection
 from .binding import Binding
@@ -45,7 +46,7 @@ class Panel(VTKObservationMixin):
         # Parameter node of a new organ that is fitted as soon as it has a region.
         self._toFit = None
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
-        self.stacksSection = StacksSection(ui, self.refresh)
+        self.stacksSection = StacksSection(ui, self.refresh, self._volumeMoved)
         self.separateSection = SeparateSection(ui, self._separated)
         self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
@@ -201,13 +202,9 @@ class Panel(VTKObservationMixin):
     def _followOrgan(self, organ, volume):
         if self._organ is not None:
             self.removeObserver(self._organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
-        if self._volume is not None:
-            self.removeObserver(self._volume, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._volumeMoved)
         self._organ, self._volume = organ, volume
         if organ is not None:
             self.addObserver(organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
-        if volume is not None:
-            self.addObserver(volume, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._volumeMoved)
 
     def _parametersChanged(self, caller=None, event=None):
         if not self.isOpen or slicer.mrmlScene.IsClosing():
@@ -241,12 +238,15 @@ class Panel(VTKObservationMixin):
             if self._organ is not None and getattr(self._organ, name) is node:
                 setattr(self._organ, name, None)
 
-    def _volumeMoved(self, caller=None, event=None):
+    def _volumeMoved(self, volume):
+        """Let what lies in a volume follow it."""
         for organ in self.organs:
-            if (volumeOf(organ) or self._volume) is self._volume:
-                followVolume(organ, self._volume)
+            if (volumeOf(organ) or self._volume) is volume:
+                followVolume(organ, volume)
                 updateVolume(organ)
-        followVolumeWithModel(self._volume)
+            followStacks(organ)
+        followVolumeWithModel(volume)
+        self.refresh()
 
 
 def _firstVolume():

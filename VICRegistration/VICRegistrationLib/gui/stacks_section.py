@@ -8,7 +8,7 @@ import vtk
 from slicer.i18n import tr as _
 from slicer.util import VTKObservationMixin
 
-from ..mrml.organ_nodes import followVolume, volumeOf
+from ..mrml.organ_nodes import volumeOf
 from ..mrml.stack_contours import chooseViews, followStacks
 from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
 from .form import STACK_ROWS, fitHeight, showRow
@@ -24,12 +24,15 @@ class StacksSection(VTKObservationMixin):
     ui : namespace of widgets
         `furtherStacksLabel` and `furtherStacksTable`.
     onChanged : callable
-        Called without arguments when volumes have come, gone or moved.
+        Called without arguments when volumes have come or gone.
+    onMoved : callable
+        Called with a volume whose place in the world has changed.
     """
 
-    def __init__(self, ui, onChanged):
+    def __init__(self, ui, onChanged, onMoved):
         VTKObservationMixin.__init__(self)
-        self._label, self._table, self._onChanged = ui.furtherStacksLabel, ui.furtherStacksTable, onChanged
+        self._label, self._table = ui.furtherStacksLabel, ui.furtherStacksTable
+        self._onChanged, self._onMoved = onChanged, onMoved
         self._organs = self._own = None
         self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
         self._setUpTable()
@@ -174,6 +177,8 @@ class StacksSection(VTKObservationMixin):
         kinds = ("vtkMRMLScalarVolumeNode", "vtkMRMLSliceCompositeNode", "vtkMRMLAbstractViewNode")
         if any(node.IsA(kind) for kind in kinds):
             self._timer.start()
+        if node.IsA("vtkMRMLScalarVolumeNode") and self._organs is not None:
+            self._follow(node)
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _nodeGone(self, caller, event, node):
@@ -199,8 +204,11 @@ class StacksSection(VTKObservationMixin):
             forgetRemovedStacks(organ)
             followStacks(organ)
         for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
-            self._moves.addObserver(node, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._moved)
-            self._moves.addObserver(node, vtk.vtkCommand.ModifiedEvent, self._renamed)
+            self._follow(node)
+
+    def _follow(self, volumeNode):
+        self._moves.addObserver(volumeNode, slicer.vtkMRMLTransformableNode.TransformModifiedEvent, self._moved)
+        self._moves.addObserver(volumeNode, vtk.vtkCommand.ModifiedEvent, self._renamed)
 
     def _renamed(self, caller, event=None):
         """Show the name of a volume that was changed: it may be another one."""
@@ -208,12 +216,7 @@ class StacksSection(VTKObservationMixin):
             self._table.cellWidget(self._listed.index(caller), _NAME).text = _label(caller)
 
     def _moved(self, caller, event=None):
-        """Let what lies in a volume follow it."""
-        for organ in self._organs or ():
-            if volumeOf(organ) is caller:
-                followVolume(organ, caller)
-            followStacks(organ)
-        self._onChanged()
+        self._onMoved(caller)
 
 
 def _label(node):
