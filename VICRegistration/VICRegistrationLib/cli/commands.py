@@ -11,7 +11,7 @@ from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import OPTIONS
 from ..registration.verdict import POOR, verdict_of
 from . import SOME_FAILED
-from .configuration import OrganRequest, organ_request, read_requests
+from .configuration import OrganRequest, files_of, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
 from .organ_entries import FittedOrgan
@@ -37,9 +37,7 @@ def fit(options: argparse.Namespace) -> int:
     """
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
-    read = [reference.path for reference in references.values()]
-    read += [request.region for request in requests if request.region is not None]
-    read += dict.fromkeys(path for request in requests for path in request.also)
+    read = [*(reference.path for reference in references.values()), *files_of(requests)]
     warn = speaker()
     failed = []
 

@@ -78,6 +78,12 @@ class OrganRequest:
     also: tuple[str, ...] = ()
 
 
+def files_of(requests: Sequence[OrganRequest]) -> list[str]:
+    """Label images and further stacks that requests need, each once."""
+    regions = (request.region for request in requests if request.region is not None)
+    return list(dict.fromkeys([*regions, *(path for request in requests for path in request.also)]))
+
+
 def organ_request(
     name: str,
     seeds: Sequence[Sequence[float]],

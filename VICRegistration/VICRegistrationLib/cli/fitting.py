@@ -91,14 +91,7 @@ def fit_to_folder(
         require_packages("matplotlib", "jinja2")
     folder = Path(folder)
     stored = checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
-    start = time.perf_counter()
-    image, notes = read_with_warnings(image_path, series=series, frame=frame)
-    for note in notes:
-        warn(f"warning: {note}")
-    seconds_load = time.perf_counter() - start
-    say(f"{image_path}: {described(image)}, {seconds_load:.2f} s")
-    record = image_record(image, str(image_path), series, frame, notes)
-    stored.check_image(record)
+    image, record, seconds_load = loaded_image(image_path, series, frame, stored, say, warn)
     if pictures or step:
         restored_organs(stored, [request.name for request in requests], image)
     failed: dict[str, str] = {}
@@ -134,6 +127,33 @@ def checked_folder(
     return stored
 
 
+def loaded_image(
+    path: str | os.PathLike,
+    series: str | None,
+    frame: int | None,
+    stored: StoredResults,
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+) -> tuple[Image, dict[str, object], float]:
+    """Read the image of a fit, and refuse another one than that of a folder's results.
+
+    Returns
+    -------
+    image : Image
+    record : dict
+        From :func:`.stored_results.image_record`.
+    seconds : float
+        How long reading took.
+    """
+    start = time.perf_counter()
+    image, notes = read_with_warnings(path, warn, series=series, frame=frame)
+    seconds = time.perf_counter() - start
+    say(f"{path}: {_described(image)}, {seconds:.2f} s")
+    record = image_record(image, str(path), series, frame, notes)
+    stored.check_image(record)
+    return image, record, seconds
+
+
 def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
     """Say what is to be looked at in an organ's fit."""
     diagnostics = fit_diagnostics(image, organ.fit)
@@ -152,10 +172,8 @@ def further_stacks(
     """Read all further stacks once, by their paths."""
     stacks = {}
     for path in dict.fromkeys(path for request in requests for path in request.also):
-        image, notes = read_with_warnings(path, series=None, frame=None)
-        for note in notes:
-            warn(f"warning: {note}")
-        say(f"{path}: {described(image)}")
+        image, _ = read_with_warnings(path, warn)
+        say(f"{path}: {_described(image)}")
         stacks[path] = Stack(image, path)
     return stacks
 
@@ -278,7 +296,7 @@ class StageLines:
         self._steps, self._start = [], self._now
 
 
-def described(image: Image) -> str:
+def _described(image: Image) -> str:
     """Size and spacing of an image in words."""
     size = " x ".join(str(count) for count in image.size)
     spacing = " x ".join(f"{step:.4g}" for step in image.spacing)

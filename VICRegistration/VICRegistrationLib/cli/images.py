@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 from ..imaging.image import Image
 from ..imaging.labels import few_values
@@ -10,13 +11,17 @@ from ..imaging.reading import read_image
 from .process import silenced_stderr
 
 
-def read_with_warnings(path: str | os.PathLike, *, series: str | None, frame: int | None) -> tuple[Image, list[str]]:
-    """Read an image, and collect what is doubtful about it.
+def read_with_warnings(
+    path: str | os.PathLike, warn: Callable[[str], None], *, series: str | None = None, frame: int | None = None
+) -> tuple[Image, list[str]]:
+    """Read an image, and warn of what is doubtful about it.
 
     Parameters
     ----------
     path : path
         File or folder of DICOM slices.
+    warn : callable
+        Gets a line for every sentence.
     series, frame
         As of :func:`..imaging.reading.read_image`.
 
@@ -38,4 +43,6 @@ def read_with_warnings(path: str | os.PathLike, *, series: str | None, frame: in
     count = few_values(image)
     if count:
         notes.append(f"{path}: it holds only {count} different values, as a label map does; an MRI is needed for a fit")
+    for note in notes:
+        warn(f"warning: {note}")
     return image, notes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -19,22 +18,20 @@ from ..registration.organ import finish
 from ..registration.stacks import Stack
 from ..report.figure import require_packages
 from . import validators
-from .configuration import OrganRequest, read_requests
+from .configuration import OrganRequest, files_of, read_requests
 from .console import argument, speaker
 from .fitting import (
     StageLines,
     checked_folder,
-    described,
     further_stacks,
+    loaded_image,
     separated_organ,
     tell_motions,
     tell_warnings,
 )
-from .images import read_with_warnings
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
 from .results_folder import Run, restored_organs, write_results
-from .stored_results import image_record
 
 _NAMES = " or ".join(MODELS)
 EPILOG = f"""\
@@ -120,14 +117,7 @@ def run(options: argparse.Namespace) -> None:
     landmarks = {} if options.landmarks is None else read_landmarks(options.landmarks)
     check_names(model, landmarks)
     stored = checked_folder(folder, _inputs(options, requests), requests, pictures=pictures, step=False, model=True)
-    start = time.perf_counter()
-    image, notes = read_with_warnings(options.image, series=options.series, frame=options.frame)
-    for note in notes:
-        warn(f"warning: {note}")
-    seconds_load = time.perf_counter() - start
-    say(f"{options.image}: {described(image)}, {seconds_load:.2f} s")
-    record = image_record(image, str(options.image), options.series, options.frame, notes)
-    stored.check_image(record)
+    image, record, seconds_load = loaded_image(options.image, options.series, options.frame, stored, say, warn)
     if pictures:
         restored_organs(stored, [request.name for request in requests], image)
     stacks = further_stacks(requests, say, warn)
@@ -142,10 +132,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _inputs(options: argparse.Namespace, requests: Sequence[OrganRequest]) -> list[str]:
     """Files that must not be replaced."""
-    regions = [request.region for request in requests if request.region is not None]
     given = [path for path in (options.model, options.landmarks) if path is not None and path not in MODELS]
-    stacks = dict.fromkeys(path for request in requests for path in request.also)
-    return [options.image, options.config, *regions, *stacks, *given]
+    return [options.image, options.config, *files_of(requests), *given]
 
 
 def _check_requests(requests: Sequence[OrganRequest]) -> None:
