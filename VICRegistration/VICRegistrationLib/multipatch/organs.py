@@ -28,7 +28,7 @@ from ..registration.drift_limit import within_drift_limit
 from ..registration.joint_stacks import JointStacks
 from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
-from ..registration.organ import OrganFit, Outcome, complete_region, completed, recorded
+from ..registration.organ import OrganFit, Outcome, complete_region, completed, mapped, recorded
 from ..registration.region_image import RegionImage
 from ..registration.schedule import Schedule
 from ..registration.stacks import Stack
@@ -164,26 +164,23 @@ def _deformed_as_one(
 
 def _in_histories(steps, organs: Mapping[str, _Organ]):
     """Add steps of all organs to the history of each; returns what the steps return."""
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            return end.value
+
+    def record(step: JointStep) -> JointStep:
         for name, organ in organs.items():
             organ.history.append(step.of(name))
-        yield step
+        return step
+
+    return mapped(steps, record)
 
 
 def _beside_others(steps, name: str, surfaces: Mapping[str, BSplineSurface]):
     """Show steps of one organ beside the others, which stay; returns what the steps return."""
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            return end.value
-        shown = {**surfaces, name: step.surface}
-        stage = f"{name}, {step.stage}"
-        yield JointStep(stage, step.iteration, step.cost, step.displacement, shown, step.stopped_by)
+
+    def beside(step: Step) -> JointStep:
+        shown, stage = {**surfaces, name: step.surface}, f"{name}, {step.stage}"
+        return JointStep(stage, step.iteration, step.cost, step.displacement, shown, step.stopped_by)
+
+    return mapped(steps, beside)
 
 
 def _chosen(organ: _Organ, cost: float) -> _Organ:

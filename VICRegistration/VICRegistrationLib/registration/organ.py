@@ -374,15 +374,38 @@ def recorded(
     steps: Generator[Step, None, Outcome], history: list[Step], *, local_to_ras: np.ndarray | None = None
 ) -> Generator[Step, None, Outcome]:
     """Add all steps to a history, with their surfaces in RAS mm; returns what the steps return."""
+
+    def record(step: Step) -> Step:
+        if local_to_ras is not None:
+            step = replace(step, surface=step.surface.transformed(local_to_ras))
+        history.append(step)
+        return step
+
+    return mapped(steps, record)
+
+
+def mapped(steps: Generator[_S, None, _R], function: Callable[[_S], object]) -> Generator[object, None, _R]:
+    """Yield what a function makes of each step; returns what the steps return.
+
+    Parameters
+    ----------
+    steps : generator
+    function : callable
+
+    Yields
+    ------
+    object
+
+    Returns
+    -------
+    object
+    """
     while True:
         try:
             step = next(steps)
         except StopIteration as end:
             return end.value
-        if local_to_ras is not None:
-            step = replace(step, surface=step.surface.transformed(local_to_ras))
-        history.append(step)
-        yield step
+        yield function(step)
 
 
 def pulling(points: np.ndarray, options: FitOptions) -> np.ndarray:
