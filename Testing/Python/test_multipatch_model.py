@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patch_measures import angle_along_borders, distance_from_surfaces
 
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.multipatch.cuts import OrganCuts
@@ -40,25 +41,15 @@ def one_organ(parent, cuts):
     return assembled({"egg": parent}, {"egg": cuts}, [Part("egg", "organ")])
 
 
-def deviation(model, parent):
-    """Largest distance of all patches from the parent at the same parameters, mm."""
-    worst = 0.0
-    for patch in model.patches:
-        piece = patch.surface(model.points)
-        u, v = piece.midpoints(6, 6)
-        worst = max(worst, np.abs(piece.points(u, v) - parent.points(u % 1.0, v)).max())
-    return worst
-
-
 @pytest.mark.parametrize("cuts", CUTS.values(), ids=CUTS)
 def test_patches_are_exact_pieces_of_the_closed_surface(egg, cuts):
     # Rounding of a few sums of numbers of 30 mm.
-    assert deviation(one_organ(egg, named(cuts)), egg) < 2e-13
+    assert distance_from_surfaces(one_organ(egg, named(cuts)), 6) < 2e-13
 
 
 def test_pieces_of_a_seam_that_is_not_smooth_begin_at_the_seam():
     paper = closed_organ((9, 7), closure="paper", axes=16.0 * np.eye(3))
-    assert deviation(one_organ(paper, named(CUTS["from the seam on"])), paper) < 2e-13
+    assert distance_from_surfaces(one_organ(paper, named(CUTS["from the seam on"])), 6) < 2e-13
     with pytest.raises(ValueError, match="'egg': The seam of the surface is not as smooth.*first cut in u at the seam"):
         one_organ(paper, named(CUTS["between knots"]))
 
@@ -148,21 +139,7 @@ def test_a_carried_model_needs_every_organ_with_its_knots(generic):
 
 
 def test_organs_patches_meet_as_smoothly_as_their_surface(generic):
-    worst = 0.0
-    for organ in generic.organs:
-        patches = generic.patches_of(organ)
-        for patch in patches:
-            for other in patches:
-                if np.array_equal(patch.indices[-1], other.indices[0]):
-                    here, there = patch.surface(generic.points), other.surface(generic.points)
-                    v = here.midpoints(1, 9)[1]
-                    ends = [
-                        here.normals(np.full(9, here.domain[0][1]), v),
-                        there.normals(np.full(9, there.domain[0][0]), v),
-                    ]
-                    sine = np.linalg.norm(np.cross(*ends), axis=1).max()
-                    worst = max(worst, np.degrees(np.arcsin(sine)))
-    assert worst < 1e-4
+    assert angle_along_borders(generic, 9) < 1e-4
 
 
 def test_the_code_of_the_page_draws_a_good_model(capsys, tmp_path, monkeypatch):

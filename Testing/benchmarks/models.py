@@ -33,6 +33,10 @@ def report(*, quick: bool) -> str:
         return "  Skipped: gmsh is not installed."
     if importlib.util.find_spec("OCP") is None:
         return "  Skipped: cadquery-ocp-novtk is not installed."
+    # What measures patches is the tests', and so is what asks Open CASCADE.
+    sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "Python")]
+    from patch_measures import angle_along_borders, distance_from_surfaces
+
     models = {name: make() for name, make in list(MODELS.items())[: 1 if quick else None]}
     pelvis = next(iter(models.values()))
     models.update({f"map {seed + 1}": _carried(pelvis, seed) for seed in range(0 if quick else _MAPS)})
@@ -41,7 +45,8 @@ def report(*, quick: bool) -> str:
     meshes = [["mesh", "order", "elements", "inverted", "least Jacobian", "lowest volume %", "highest volume %"]]
     for name, model in models.items():
         points = len(model.points)
-        patches.append([name, f"{points}", f"{_deviation(model):.0e}", f"{_angle(model):.0e}"])
+        away, angle = distance_from_surfaces(model, _SAMPLES), angle_along_borders(model, _SAMPLES)
+        patches.append([name, f"{points}", f"{away:.0e}", f"{angle:.0e}"])
         solids.append([name, *_step(model)])
         for order in (1, 2):
             found = quality(mesh_model(model, MeshOptions(size=_SIZE_MM, order=order)))
@@ -70,36 +75,8 @@ def _carried(model: MultiPatchModel, seed: int) -> MultiPatchModel:
     return model.carried(parents, carry)
 
 
-def _deviation(model: MultiPatchModel) -> float:
-    """Largest distance of an organ's patches from its surface at the same parameters, mm."""
-    worst = 0.0
-    for organ, parent in model.parents.items():
-        for patch in model.patches_of(organ):
-            piece = patch.surface(model.points)
-            u, v = piece.midpoints(_SAMPLES, _SAMPLES)
-            worst = max(worst, np.abs(piece.points(u, v) - parent.points(u % 1.0, v)).max())
-    return worst
-
-
-def _angle(model: MultiPatchModel) -> float:
-    """Largest angle between the normals of an organ's patches along their common borders in v, degrees."""
-    worst = 0.0
-    for organ in model.organs:
-        patches = model.patches_of(organ)
-        for one in patches:
-            for other in patches:
-                if np.array_equal(one.indices[-1], other.indices[0]):
-                    here, there = one.surface(model.points), other.surface(model.points)
-                    v, ones = here.midpoints(1, _SAMPLES)[1], np.ones(_SAMPLES)
-                    ends = here.normals(here.domain[0][1] * ones, v), there.normals(there.domain[0][0] * ones, v)
-                    worst = max(worst, np.linalg.norm(np.cross(*ends), axis=1).max())
-    return float(np.degrees(np.arcsin(worst)))
-
-
 def _step(model: MultiPatchModel) -> list[str]:
     """What Open CASCADE finds in the STEP file."""
-    # What asks Open CASCADE is the tests'.
-    sys.path[:0] = [str(Path(__file__).resolve().parents[1] / "Python")]
     import open_cascade
 
     with tempfile.TemporaryDirectory() as folder:
