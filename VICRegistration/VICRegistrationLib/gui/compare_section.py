@@ -14,6 +14,7 @@ from .binding import Binding
 from .form import showRow
 from .message_label import MessageLabel
 from .segment_choice import SegmentChoice
+from .signals import signalsBlocked
 
 
 def _colorings():
@@ -109,9 +110,8 @@ class CompareSection:
         if edit.text.strip() == name:
             # As it is being typed.
             return
-        blocked = edit.blockSignals(True)
-        edit.text = name
-        edit.blockSignals(blocked)
+        with signalsBlocked(edit):
+            edit.text = name
 
     def _patientTyped(self, _text=None):
         if self._patientVolume() is not None:
@@ -120,9 +120,8 @@ class CompareSection:
     def _showColoring(self):
         combo = self._ui.colorByCombo
         shown = coloredBy(self._organ.surface) if self._organ is not None else None
-        blocked = combo.blockSignals(True)
-        combo.setCurrentIndex(max(combo.findData(shown or ""), 0))
-        combo.blockSignals(blocked)
+        with signalsBlocked(combo):
+            combo.setCurrentIndex(max(combo.findData(shown or ""), 0))
 
     def _coloringChosen(self, index):
         if self._organ is None or self._organ.surface is None:

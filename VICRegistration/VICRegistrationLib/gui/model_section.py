@@ -21,6 +21,7 @@ from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
 from .place_buttons import showPlaceButtons
 from .runner import End, StepRunner
+from .signals import signalsBlocked
 
 _ORGAN, _IN_TABLE = range(2)
 # The mesh, its elements and their quality; the lines after those are about single groups.
@@ -168,13 +169,11 @@ class ModelSection(VTKObservationMixin):
         """Show which model is chosen."""
         combo, edit, name = self._ui.genericModelCombo, self._ui.modelFileEdit, self._parameters.modelName
         fromFile = name not in MODELS
-        for widget in (combo, edit):
-            blocked = widget.blockSignals(True)
-            if widget is combo:
-                combo.setCurrentIndex(combo.findData(_FILE if fromFile else name))
-            elif fromFile and edit.currentPath != name:
+        with signalsBlocked(combo):
+            combo.setCurrentIndex(combo.findData(_FILE if fromFile else name))
+        if fromFile and edit.currentPath != name:
+            with signalsBlocked(edit):
                 edit.currentPath = name
-            widget.blockSignals(blocked)
         showRow(fromFile, self._ui.modelFileLabel, edit)
 
     def _modelChosen(self, index):
@@ -217,9 +216,8 @@ class ModelSection(VTKObservationMixin):
         pairs = pairedOrgans(model, self._organs) if model is not None else {}
         for row, name in enumerate(names):
             combo, organ = table.cellWidget(row, _IN_TABLE), pairs.get(name)
-            blocked = combo.blockSignals(True)
-            combo.setCurrentIndex(combo.findData(organ.parameterNode.GetID() if organ is not None else ""))
-            combo.blockSignals(blocked)
+            with signalsBlocked(combo):
+                combo.setCurrentIndex(combo.findData(organ.parameterNode.GetID() if organ is not None else ""))
 
     def _choice(self, name):
         """Organs of the table to choose from for an organ of the model."""
@@ -296,9 +294,8 @@ class ModelSection(VTKObservationMixin):
 
     def _showColors(self):
         check = self._ui.patchColorCheck
-        blocked = check.blockSignals(True)
-        check.checked = isColoredByPatch(self._volume)
-        check.blockSignals(blocked)
+        with signalsBlocked(check):
+            check.checked = isColoredByPatch(self._volume)
 
     def _colorChosen(self, byPatch):
         colorByPatch(self._volume, byPatch)

@@ -10,6 +10,7 @@ from slicer.i18n import tr as _
 from ..mrml.organ_nodes import isVisible, paint, setVisible
 from ..mrml.organs import PRESETS
 from .form import MOST_ROWS, fitHeight, organRows
+from .signals import signalsBlocked
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
 # Square beside the state by the verdict on the surface: a background would not be seen in the row that is selected.
@@ -54,8 +55,7 @@ class OrgansTable:
         self._organs = organs
         listed = list(organs) if organs is not None else []
         current = organs.current() if organs is not None else None
-        blocked = self._table.blockSignals(True)
-        try:
+        with signalsBlocked(self._table):
             self._table.setRowCount(len(listed))
             for row, organ in enumerate(listed):
                 self._fill(row, organ)
@@ -63,8 +63,6 @@ class OrgansTable:
                 self._table.clearSelection()
             else:
                 self._select(listed.index(current))
-        finally:
-            self._table.blockSignals(blocked)
         fitHeight(self._table, most=self._mostRows)
         self._remove.enabled = current is not None
 
@@ -106,14 +104,12 @@ class OrgansTable:
                 self._table.setItem(row, column, item)
         visible = isVisible(organ)
         eye = self._table.cellWidget(row, _EYE)
-        blocked = eye.blockSignals(True)
-        eye.checked = visible
-        eye.blockSignals(blocked)
+        with signalsBlocked(eye):
+            eye.checked = visible
         eye.setIcon(qt.QIcon(_ICONS[visible]))
         color = self._table.cellWidget(row, _COLOR)
-        blocked = color.blockSignals(True)
-        color.color = qt.QColor.fromRgbF(*organ.color)
-        color.blockSignals(blocked)
+        with signalsBlocked(color):
+            color.color = qt.QColor.fromRgbF(*organ.color)
         texts = (organ.label, f"{organ.volumeMl:.1f}" if organ.volumeMl > 0 else "", organ.state.label())
         for column, text in zip((_NAME, _VOLUME, _STATE), texts):
             item = self._table.item(row, column)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import slicer
 
+from .signals import signalsBlocked
+
 
 class SegmentChoice:
     """Keeps a selector of segments and two parameters of an organ equal, both ways.
@@ -36,14 +38,11 @@ class SegmentChoice:
             # Removed while nobody looked; the selector would take another one, which nobody has chosen.
             segmentId = ""
             setattr(organ, self._names[1], segmentId)
-        blocked = selector.blockSignals(True)
-        try:
+        with signalsBlocked(selector):
             if selector.currentNode() is not node:
                 selector.setCurrentNode(node)
             if node is not None and selector.currentSegmentID() != segmentId:
                 selector.setCurrentSegmentID(segmentId)
-        finally:
-            selector.blockSignals(blocked)
 
     def _kept(self):
         return tuple(getattr(self._organ, name) for name in self._names)

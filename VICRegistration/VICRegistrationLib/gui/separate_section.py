@@ -21,6 +21,7 @@ from .form import showRow
 from .message_label import MessageLabel
 from .place_buttons import showPlaceButtons
 from .segment_choice import SegmentChoice
+from .signals import signalsBlocked
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
 _DELAY_MS = 30
@@ -215,8 +216,7 @@ class SeparateSection(VTKObservationMixin):
         widget, threshold = self._ui.thresholdRange, self._organ.threshold
         low, high = _levels(self._volume)
         low, high = min(low, threshold.minimum), max(high, threshold.maximum)
-        blocked = widget.blockSignals(True)
-        try:
+        with signalsBlocked(widget):
             if self._range != (low, high):
                 self._range = (low, high)
                 # A thousand steps or more from end to end.
@@ -227,17 +227,14 @@ class SeparateSection(VTKObservationMixin):
                 widget.setRange(low, high)
                 widget.singleStep = max(10.0**-widget.decimals, (high - low) / 1000.0)
             widget.setValues(threshold.minimum, threshold.maximum)
-        finally:
-            widget.blockSignals(blocked)
 
     def _showVisibility(self):
         check = self._ui.previewCheck
         display = self._regionDisplay()
         if display is None:
             return
-        blocked = check.blockSignals(True)
-        check.checked = bool(display.GetSegmentVisibility(self._organ.regionSegmentId))
-        check.blockSignals(blocked)
+        with signalsBlocked(check):
+            check.checked = bool(display.GetSegmentVisibility(self._organ.regionSegmentId))
 
     def _showRegion(self, visible):
         if self._organ is not None:

@@ -12,6 +12,7 @@ from ..mrml.organ_nodes import volumeOf
 from ..mrml.stack_contours import chooseViews, followStacks
 from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
 from .form import STACK_ROWS, fitHeight, showRow
+from .signals import signalsBlocked
 
 _NAME, _RESULT, _ALIGN = range(3)
 
@@ -126,9 +127,8 @@ class StacksSection(VTKObservationMixin):
         check, button = (self._table.cellWidget(row, column) for column in (_NAME, _ALIGN))
         check.text = _label(node)
         check.toolTip = _("{volume}: tick it to fit organs to this stack as well.").format(volume=node.GetName())
-        blocked = check.blockSignals(True)
-        check.checked = isTicked
-        check.blockSignals(blocked)
+        with signalsBlocked(check):
+            check.checked = isTicked
         record = self._records.get(node)
         held.setText(_short(record))
         held.setToolTip(_long(record, node))
