@@ -8,6 +8,7 @@ from collections.abc import Callable
 from ..imaging.image import Image
 from ..imaging.labels import few_values
 from ..imaging.reading import read_image
+from ..segmentation.checks import check_scale
 from .process import silenced_stderr
 
 
@@ -40,6 +41,11 @@ def read_with_warnings(
     # What readers written in C print is either an error, which they raise too, or collected as a warning.
     with silenced_stderr():
         image = read_image(path, series=series, frame=frame, warn=notes.append)
+    try:
+        check_scale(image)
+    except ValueError as error:
+        msg = f"{path}: {error}"
+        raise ValueError(msg) from None
     count = few_values(image)
     if count:
         notes.append(f"{path}: it holds only {count} different values, as a label map does; an MRI is needed for a fit")

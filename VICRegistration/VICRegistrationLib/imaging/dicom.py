@@ -152,7 +152,10 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
     for name, header in headers.items():
         found.setdefault(header[_SERIES], {})[name] = header
     if not found:
-        msg = f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves."
+        msg = (
+            f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves, or give "
+            "the file of an image."
+        )
         raise ValueError(msg)
     if series is None and len(found) == 1:
         return next(iter(found.values()))

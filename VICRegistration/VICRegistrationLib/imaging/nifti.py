@@ -81,6 +81,8 @@ def _check_error(path: Path, code: int, header) -> None:
         msg = f"{path} is cut short (its data end too soon); copy or download it again."
         raise ValueError(msg)
     reason = vtkErrorCode.GetStringFromErrorCode(code)
+    if code == vtkErrorCode.UnrecognizedFileTypeError:
+        reason = "its name says that it is a NIfTI file, but it is none"
     if code == vtkErrorCode.FileFormatError:
         reason = f"its voxels of NIfTI type {header.GetDataType()} or its sizes are not understood"
     if code == vtkErrorCode.CannotOpenFileError:
@@ -96,7 +98,8 @@ def _check_header(path: Path, header) -> None:
     """Refuse what is no volume of grey levels before its voxels are read."""
     if not header.GetMagic() and path.name.lower().endswith(ENDINGS[:2]):
         msg = (
-            f"{path} is no NIfTI file, as its name says (its header lacks the mark n+1); give the file it was made of."
+            f"{path} is no NIfTI file, although its name says so (its header lacks the mark n+1); give the file it was "
+            "made of."
         )
         raise ValueError(msg)
     kind = _NOT_GREY.get(header.GetDataType())

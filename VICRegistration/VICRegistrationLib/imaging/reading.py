@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from ..files import replacing
+from ..files import reason, replacing
 from ..frames import RAS_TO_LPS
 from . import dicom, nifti, text_headers
 from .image import Image
@@ -53,6 +53,8 @@ def read_image(
     ValueError
         If there is nothing at `path`, it cannot be read, or it is not one grey-level volume whose place is known; the
         sentence names the cause and the way out.
+    OSError
+        If the file or folder may not be read.
 
     Examples
     --------
@@ -73,8 +75,12 @@ def read_image(
     if series is not None and not path.is_dir():
         msg = f"--series was given, but {path} is a file; give the folder of the DICOM slices instead."
         raise ValueError(msg)
-    with itk_warnings() as complaints:
-        array, matrix, notes = _read(path, series, frame)
+    try:
+        with itk_warnings() as complaints:
+            array, matrix, notes = _read(path, series, frame)
+    except OSError as error:
+        msg = f"{path} cannot be read ({reason(error)}); give a file or folder that may be read."
+        raise OSError(msg) from error
     try:
         image = Image(array, matrix)
     except ValueError as error:
@@ -191,8 +197,9 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
         text_headers.check_spacing(path, np.array(reader.GetSpacing()[:3]))
         volume = _chosen(reader, frame, path)
     except RuntimeError as error:
+        why = one_line(error) if kind else "its format is not known"
         msg = (
-            f"{path} cannot be read as an image ({one_line(error)}); check that the file is complete and of a medical "
+            f"{path} cannot be read as an image ({why}); check that the file is complete and of a medical "
             "image format such as NIfTI, NRRD, MetaImage or DICOM."
         )
         raise ValueError(msg) from None

@@ -45,7 +45,8 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
         If there is none of this number.
     """
     if frame is not None and not 1 <= frame <= count:
-        msg = f"--frame {frame} was given, but {what} holds {count} volume{'' if count == 1 else 's'}."
+        found, needed = ("1 volume", "leave it out") if count == 1 else (f"{count} volumes", f"give 1 to {count}")
+        msg = f"--frame {frame} was given, but {what} holds {found}; {needed}."
         raise ValueError(msg)
     if frame is None and count > 1:
         raise SeveralVolumes(found or f"{what} holds {count} volumes", count)
