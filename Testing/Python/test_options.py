@@ -123,9 +123,9 @@ def test_values_come_in_their_own_types():
 
 
 def test_levels_are_given_with_their_values_or_not_at_all():
-    with pytest.raises(ValueError, match="grey levels inside and outside must be given too"):
+    with pytest.raises(ValueError, match="both grey levels, inside and outside, are needed"):
         FitOptions(levels="given", inside=1.0)
-    with pytest.raises(ValueError, match="the profile level must be 'given' then"):
+    with pytest.raises(ValueError, match="make it 'given'"):
         FitOptions(inside=1.0)
 
 

@@ -51,10 +51,21 @@ def test_a_configuration_names_labels_beside_it_and_seeds(folder, tmp_path):
     assert deviation(first, second, n_points=1000).mean < 0.1
 
 
+def test_seeds_of_an_organ_count_before_a_region_for_all_organs(folder, tmp_path):
+    organs = [{"organ": "a"}, {"organ": "b", "seed": SEED.split(",")}]
+    content = {"schema": "vic-registration/organs", "version": 1, "organs": organs}
+    (tmp_path / "organs.json").write_text(json.dumps(content))
+    words = ["--region", folder / "labels.nii.gz", "--label", "5", "--output", tmp_path / "out"]
+    assert fit(folder, "--config", tmp_path / "organs.json", *words) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())["organs"]
+    assert [report[name]["threshold"] is None for name in "ab"] == [True, False]
+
+
 @pytest.mark.parametrize(
     ("words", "needed"),
     [
         (["--label", "5", "--threshold", "1,2"], "taken as it is"),
+        (["--label", "5", "--seed", SEED], "its seed was given too"),
         (["--label", "7"], "holds no label 7"),
         ([], "choose one with --label"),
     ],

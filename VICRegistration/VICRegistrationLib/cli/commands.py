@@ -128,7 +128,8 @@ def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, 
             del flags["label"]
         own = [flag for word, flag in flags.items() if getattr(options, word)]
         if own:
-            msg = f"{own[0]} was given without --reference; it chooses a part of the reference. Name the reference too."
+            needed = "--reference or --region" if own[0] == "--label" else "--reference"
+            msg = f"{own[0]} was given without {needed}, whose file it is about; give both, or leave {own[0]} out."
             raise ValueError(msg)
         return {}
     if options.no_pictures:
@@ -143,7 +144,10 @@ def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
     if options.config is not None:
         own = [word for word in ("organ", "seed", "threshold", "boundary") if getattr(options, word) is not None]
         if own:
-            msg = f"Both --config and --{own[0]} were given; put the {own[0]} of each organ into the configuration."
+            msg = (
+                f"Both --config and --{own[0]} were given; leave --{own[0]} out, and write {own[0]!r} into the "
+                "configuration for each organ."
+            )
             raise ValueError(msg)
         requests = read_requests(options.config, defaults={**chosen, "region": options.region, "also": options.also})
         labels = chosen_labels(options.label, [request.name for request in requests]) if options.region else {}

@@ -22,6 +22,7 @@ patient, files or folders relative to the configuration.
 
 from __future__ import annotations
 
+import difflib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -115,9 +116,10 @@ def organ_request(
     Raises
     ------
     ValueError
-        If an option is out of range or the net too small, or one is for a separation and the region is given.
+        If an option is out of range or the net too small, or the region is given with seeds or with an option of a
+        separation.
     """
-    _check_region(name, region, options)
+    _check_region(name, region, {"seed": seeds or None, **options})
     try:
         chosen = FitOptions(**{key: value for key, value in options.items() if value is not None})
         closed_organ(chosen.net or DEFAULT_NET, closure=chosen.closure)
@@ -128,8 +130,8 @@ def organ_request(
 
 
 def _check_region(name: str, region: str | None, options: Mapping[str, object]) -> None:
-    """Refuse options that say how a region is separated where it is given."""
-    own = [word for word in ("threshold", "erosion", "dilation") if options.get(word) is not None]
+    """Refuse seeds and options that say how a region is separated where it is given."""
+    own = [word for word in ("seed", "threshold", "erosion", "dilation") if options.get(word) is not None]
     if region is not None and own:
         msg = f"{name}: the region {region} is taken as it is, but its {own[0]} was given too; leave one of them out."
         raise ValueError(msg)
@@ -234,7 +236,9 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
     named = {}
     for word, value in entry.items():
         if word not in _CHECKS:
-            msg = f"{where}: the key {word!r} is unknown; use {', '.join(_CHECKS)}."
+            close = difflib.get_close_matches(word, _CHECKS, n=1)
+            similar = f" (similar: {close[0]})" if close else ""
+            msg = f"{where}: the key {word!r} is unknown{similar}; use {', '.join(_CHECKS)}."
             raise ValueError(msg)
         try:
             named[word.replace("-", "_")] = _CHECKS[word](value)
@@ -246,11 +250,21 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
     if "also" in named:
         named["also"] = [str(folder / name) for name in named["also"]]
     asked = {**defaults, **named}
+    if "seed" in named:
+        # Seeds of its own count before a region for all organs.
+        asked["region"] = named.get("region")
+    if asked.get("label") is not None and asked.get("region") is None:
+        msg = f"{where}: the key 'label' was given without 'region', whose file it is about; give both."
+        raise ValueError(msg)
     missing = [word for word, there in (("organ", "organ" in named), ("seed", _starts(asked))) if not there]
     if missing:
         msg = f"{where}: the key {missing[0]!r} is missing; an organ needs organ and seed, or organ and region."
         raise ValueError(msg)
-    return organ_request(asked.pop("organ"), asked.pop("seed", None) or (), **asked)
+    try:
+        return organ_request(asked.pop("organ"), asked.pop("seed", None) or (), **asked)
+    except ValueError as error:
+        msg = f"{where}, {error}"
+        raise ValueError(msg) from error
 
 
 def _starts(asked: Mapping[str, object]) -> bool:

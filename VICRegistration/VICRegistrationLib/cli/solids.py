@@ -16,8 +16,8 @@ from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
 from .console import speaker
 
-# Files of the same organs that hold triangles or solids.
-_OTHERS = (".stl", ".ply", ".step", ".stp")
+# Files of organs that hold their surfaces; others, of the same names, hold triangles or solids.
+_SUFFIXES = (".json", ".vtp")
 # A fit writes it beside its surfaces, so that organs/*.json names it too; no organ can have its name.
 _REPORT = "report.json"
 
@@ -54,7 +54,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
         if is_model_file(path):
             speaker()(f"{path} is a model of several organs and not the surface of one; it is left out")
             continue
-        if path.suffix.lower() in _OTHERS:
+        if path.suffix.lower() not in _SUFFIXES:
             msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
             raise ValueError(msg)
         record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)

@@ -217,10 +217,13 @@ class FitOptions:
         for name, option in OPTIONS.items():
             object.__setattr__(self, name, option.checked(getattr(self, name)))
         if self.levels == "given" and (self.inside is None or self.outside is None):
-            msg = "The profile level is to be given; the grey levels inside and outside must be given too."
+            msg = "The profile level is 'given', so both grey levels, inside and outside, are needed; give them too."
             raise ValueError(msg)
         if self.levels != "given" and not (self.inside is None and self.outside is None):
-            msg = "A grey level inside or outside is given; the profile level must be 'given' then, or it is left out."
+            msg = (
+                f"A grey level inside or outside was given, but the profile level is {self.levels!r}; make it 'given', "
+                "or leave the grey levels out."
+            )
             raise ValueError(msg)
 
     def filled_in(self, **values: object) -> FitOptions:
