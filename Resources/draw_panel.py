@@ -307,6 +307,7 @@ def fill_stacks(panel: QWidget, stacks: Sequence[tuple]) -> None:
         widget.setVisible(bool(stacks))
     fill_table(table, ["", "", ""], [("", result, "") for _, _, result in stacks], wide=0, least=1, most=STACK_ROWS)
     table.horizontalHeader().hide()
+    table.setColumnHidden(2, not any(result for _, _, result in stacks))
     for row, (name, ticked, _) in enumerate(stacks):
         check, align = QCheckBox(name), QToolButton()
         check.setChecked(ticked)

@@ -161,6 +161,9 @@ def test_the_order_of_a_range_s_ends_counts_and_too_long_a_step_is_refused(ctk):
 def test_hidden_parents_and_folded_sections_hide_what_is_in_them(qt, ctk):
     section, label = ctk.ctkCollapsibleButton(), qt.QLabel("inside")
     qt.QFormLayout(section).addRow("Volume:", label)
+    # Nobody has shown the window.
+    assert not label.visible
+    section.show()
     assert label.visible
     section.collapsed = True
     assert not label.visible
@@ -292,8 +295,55 @@ def test_points_are_placed_in_the_application_s_place_mode_only(recorded, scene)
     place.placeModeEnabled = True
     scene.RemoveNode(points)
     assert not place.placeModeEnabled
-    # As in Slicer; whoever uses the widget has to set None.
+    # As in Slicer; whoever uses the widget has to set None, and has to end the mode.
     assert place.currentNode() is points
+    assert interaction.GetCurrentInteractionMode() == interaction.Place
+
+
+def test_the_place_mode_is_that_of_the_application_and_outlives_another_choice(recorded, scene):
+    first, second = (slicer.qSlicerMarkupsPlaceWidget() for _ in range(2))
+    lists = [add("vtkMRMLMarkupsFiducialNode", name) for name in ("seeds", "wall")]
+    for place, node in zip((first, second), lists):
+        place.setMRMLScene(scene)
+        place.setCurrentNode(node)
+    interaction = slicer.app.applicationLogic().GetInteractionNode()
+    first.setPlaceModeEnabled(True)
+    second.setPlaceModeEnabled(True)
+    assert (first.placeModeEnabled, second.placeModeEnabled) == (False, True)
+    second.setCurrentNode(None)
+    assert not second.placeModeEnabled
+    assert interaction.GetCurrentInteractionMode() == interaction.Place
+
+
+def test_points_of_a_fixed_number_are_filled_in_order_and_taken_back(recorded, scene):
+    place, points = slicer.qSlicerMarkupsPlaceWidget(), add("vtkMRMLMarkupsFiducialNode", "landmarks")
+    place.setMRMLScene(scene)
+    for index in range(2):
+        points.AddControlPoint(0.0, 0.0, 0.0)
+        points.UnsetNthControlPointPosition(index)
+    points.SetFixedNumberOfControlPoints(True)
+    place.setCurrentNode(points)
+    assert place.deleteButton().isHidden()
+    place.unsetAllControlPointsOptionVisible = True
+    place.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
+    place.setPlaceModeEnabled(True)
+    assert not place.deleteButton().isHidden()
+    place._place(1, 2, 3)
+    place._place(4, 5, 6)
+    assert (points.GetNumberOfControlPoints(), place.placeModeEnabled) == (2, False)
+    place.deleteButton().click()
+    assert points.GetNumberOfDefinedControlPoints() == 1
+
+
+def test_a_path_that_fits_no_name_filter_is_not_told(ctk):
+    edit = ctk.ctkPathLineEdit()
+    paths = emissions(edit, "currentPathChanged(QString)")
+    edit.currentPath = "any"
+    edit.currentPath = ""
+    edit.nameFilters = ("Models (*.json)",)
+    for path in ("model.txt", "model.json", "model.json"):
+        edit.currentPath = path
+    assert paths == [("any",), ("model.json",)]
 
 
 # --- parameters and widgets ------------------------------------------------------------------------------------------

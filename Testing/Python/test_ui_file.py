@@ -95,6 +95,12 @@ def test_every_input_has_a_tooltip(ui):
     assert {name for name, cls in ui.widgets.items() if cls == "QLabel"} - written >= set(labels)
 
 
+def test_the_tab_key_leaves_tables(ui):
+    # It goes from cell to cell otherwise, and never to the next widget.
+    leaving = {name for name, _, member, element in ui.properties if member == "tabKeyNavigation"}
+    assert leaving == {name for name, cls in ui.widgets.items() if cls == "QTableWidget"}
+
+
 def test_ranges_are_those_of_the_options(ui):
     limits = {"minimum": 0, "maximum": 1}
     for option, _, widget in (*WIDGETS, *ELSEWHERE):

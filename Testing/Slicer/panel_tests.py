@@ -101,6 +101,11 @@ class PanelTestCase(unittest.TestCase):
             self.assertEqual(self.organ.seeds.GetNumberOfDefinedControlPoints(), before + 1)
         self.waitForRegion()
 
+    def isPlacing(self):
+        """Whether clicks into views place points, whoever has asked for that."""
+        interaction = slicer.app.applicationLogic().GetInteractionNode()
+        return interaction.GetCurrentInteractionMode() == interaction.Place
+
     def waitForRegion(self):
         waitFor(lambda: not self.panel.separateSection.isWaiting)
 
@@ -445,9 +450,11 @@ class StacksTest(PanelTestCase):
         self.assertAlmostEqual(float(moved.split(" mm, ")[0]), away, delta=0.3)
         self.assertIn(f"used, moved {moved.split(' mm')[0]} mm", self.table.item(0, 1).toolTip())
         # The other organ has not been fitted yet.
+        self.assertFalse(self.table.isColumnHidden(2))
         self.add("vagina")
         self.assertEqual(self.table.item(0, 1).text(), "")
         self.assertFalse(self.table.cellWidget(0, 2).enabled)
+        self.assertTrue(self.table.isColumnHidden(2))
 
     def test_aStackThatIsLeftOutSaysWhy(self):
         slicer.util.updateVolumeFromArray(self.stack, np.full_like(slicer.util.arrayFromVolume(self.volume), 7))
@@ -530,7 +537,7 @@ class StacksTest(PanelTestCase):
 class SizeTest(PanelTestCase):
     """The panel stays as narrow as Slicer's own modules."""
 
-    SECTIONS = ("inputs", "separate", "fit", "correct", "export", "compare", "advanced")
+    SECTIONS = ("inputs", "separate", "fit", "correct", "export", "compare", "model", "advanced")
 
     def assertNarrow(self):
         slicer.app.processEvents()
@@ -549,6 +556,17 @@ class SizeTest(PanelTestCase):
         self.volume.SetName("a volume with a long name, as DICOM descriptions have them " * 3)
         self.panel.refresh()
         self.assertNarrow()
+
+    def test_itStaysNarrowWithStacksAndTheGenericModel(self):
+        stack = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "a stack with a long name " * 5)
+        stack.SetAndObserveImageData(self.volume.GetImageData())
+        waitFor(lambda: self.ui.furtherStacksTable.rowCount == 1)
+        self.add("bladder")
+        self.panel.organs.rename(self.organ, "a bladder with a name that nobody would type " * 3)
+        self.ui.modelSection.collapsed = False
+        self.ui.newLandmarksButton.click()
+        self.assertNarrow()
+        self.ui.modelSection.collapsed = True
 
 
 class CorrectTest(PanelTestCase):
@@ -716,7 +734,8 @@ class ModelTest(PanelTestCase):
             self.skipTest("gmsh is not installed, or lacks a library of the system")
         self.fitModel()
         self.ui.modelMeshCombo.setCurrentIndex(self.ui.modelMeshCombo.findData(".inp"))
-        self.assertTrue(self.ui.modelMeshSizeSlider.visible)
+        # Nothing is visible without the main window.
+        self.assertFalse(self.ui.modelMeshSizeSlider.isHidden())
         self.ui.modelMeshSizeSlider.value = 8.0
         with tempfile.TemporaryDirectory() as folder:
             self.ui.modelFolderEdit.currentPath = folder
@@ -770,10 +789,37 @@ class ModelTest(PanelTestCase):
         self.assertFalse(self.ui.landmarkPlaceWidget.enabled or self.ui.landmarkPlaceWidget.placeModeEnabled)
         self.assertEqual(self.ui.landmarksPlacedLabel.text, "")
 
+    def test_aLandmarkIsSkippedOrTakenBack(self):
+        self.ui.newLandmarksButton.click()
+        node, label = self.ui.modelLandmarksSelector.currentNode(), self.ui.landmarksPlacedLabel
+        first, second = (node.GetNthControlPointLabel(index) for index in range(2))
+        self.ui.skipLandmarkButton.click()
+        self.assertIn(f"0 of 6 placed, 1 skipped; next: {second}", label.text)
+        node.SetNthControlPointPositionWorld(1, 0.0, 58.0, -44.0)
+        self.assertIn("1 of 6 placed, 1 skipped", label.text)
+        takeBack = self.ui.landmarkPlaceWidget.deleteButton()
+        self.assertFalse(takeBack.isHidden())
+        takeBack.click()
+        self.assertIn(f"0 of 6 placed, 1 skipped; next: {second}", label.text)
+        takeBack.click()
+        self.assertIn(f"0 of 6 placed; next: {first}", label.text)
+        for _ in range(6):
+            self.assertTrue(self.ui.landmarkPlaceWidget.placeModeEnabled)
+            self.ui.skipLandmarkButton.click()
+        self.assertIn("0 of 6 placed, 6 skipped", label.text)
+        self.assertFalse(self.ui.skipLandmarkButton.enabled or self.ui.landmarkPlaceWidget.placeModeEnabled)
+
+    def test_clicksDoNotGoToTheListBefore(self):
+        self.ui.newLandmarksButton.click()
+        self.assertTrue(self.isPlacing())
+        self.ui.modelLandmarksSelector.setCurrentNode(None)
+        self.assertFalse(self.isPlacing())
+        self.assertFalse(self.ui.skipLandmarkButton.enabled)
+
     def test_aModelInAFileIsChosen(self):
         combo = self.ui.genericModelCombo
         combo.setCurrentIndex(combo.count - 1)
-        self.assertTrue(self.ui.modelFileEdit.visible)
+        self.assertFalse(self.ui.modelFileEdit.isHidden())
         self.ui.modelFileEdit.currentPath = os.path.join(tempfile.gettempdir(), "no model.json")
         self.assertIn("choose a model file that exists", self.ui.modelStatusLabel.text)
         self.assertEqual(self.ui.modelOrgansTable.rowCount, 0)
@@ -1095,6 +1141,16 @@ class SceneTest(PanelTestCase):
         self.ui.boundaryPlaceWidget.setPlaceModeEnabled(True)
         self.ui.organsTable.selectRow(1)
         self.assertFalse(self.ui.boundaryPlaceWidget.placeModeEnabled)
+        self.assertFalse(self.isPlacing())
+
+    def test_clicksPlaceNothingInAListThatIsDeleted(self):
+        self.add("bladder")
+        self.assertTrue(self.isPlacing())
+        slicer.mrmlScene.RemoveNode(self.organ.seeds)
+        self.assertFalse(self.isPlacing())
+        self.ui.boundaryPlaceWidget.setPlaceModeEnabled(True)
+        slicer.mrmlScene.RemoveNode(self.organ.boundaryPoints)
+        self.assertFalse(self.isPlacing())
 
     def test_noPlaceModeIsLeftBehind(self):
         self.add("bladder")

@@ -268,26 +268,44 @@ class qMRMLSegmentSelectorWidget(NodeList):
 
 
 class qSlicerMarkupsPlaceWidget(NodeChooser):
-    """Switches the mode on and off in which clicks place points; ``_place`` is such a click, ended by Single mode."""
+    """Lets the application place points in its list, a mode that all these widgets share; ``_place`` is a click."""
 
-    _defaults = {"enabled": True, "visible": True, "buttonsVisible": True}
+    _defaults = {
+        **{"enabled": True, "visible": True, "buttonsVisible": True},
+        **{"deleteAllControlPointsOptionVisible": True, "unsetAllControlPointsOptionVisible": False},
+    }
 
     def __init__(self, *arguments):
         super().__init__(*arguments)
-        self._placing = False
-        self._buttons = [QToolButton(self), QToolButton(self)]
-        self._buttons[0]._set("checkable", True)
-        self._buttons[0]._connect("toggled", None, lambda on: self._set("placeModeEnabled", on))
+        self._wasPlacing = False
+        self._place_, self._delete = self._buttons = [QToolButton(self), QToolButton(self)]
+        self._place_._set("checkable", True)
+        self._place_._connect("toggled", None, lambda on: self._set("placeModeEnabled", on))
+        self._delete._connect("clicked", None, lambda: self.modifyLastPoint())
 
     def placeButton(self):
-        return self._buttons[0]
+        return self._place_
 
     def deleteButton(self):
-        return self._buttons[1]
+        return self._delete
+
+    def modifyLastPoint(self):
+        """What the second button does: points of a list whose number is fixed are not removed."""
+        if self._node is not None and self._node.GetFixedNumberOfControlPoints():
+            self.unsetLastDefinedPoint()
+        else:
+            self.deleteLastPoint()
 
     def deleteLastPoint(self):
         if self._node is not None and self._node.GetNumberOfControlPoints():
             self._node.RemoveNthControlPoint(self._node.GetNumberOfControlPoints() - 1)
+
+    def unsetLastDefinedPoint(self):
+        count = self._node.GetNumberOfControlPoints() if self._node is not None else 0
+        for index in reversed(range(count)):
+            if self._node.GetNthControlPointPositionStatus(index) != self._node.PositionUndefined:
+                self._node.UnsetNthControlPointPosition(index)
+                return
 
     def interactionNode(self):
         return slicer.app.applicationLogic().GetInteractionNode()
@@ -297,42 +315,83 @@ class qSlicerMarkupsPlaceWidget(NodeChooser):
 
     def _place(self, *position):
         """A user's click into a slice at a place of the world."""
-        if not self._placing:
+        if not self._get("placeModeEnabled"):
             msg = f"A click places no point: the place mode of {self._get('objectName')} is off"
             raise AssertionError(msg)
-        self._node.AddControlPointWorld(*position)
-        if self._get("placeMultipleMarkups") == type(self).ForcePlaceSingleMarkup:
-            self._set("placeModeEnabled", False)
-
-    def _nodeGoes(self, node):
-        # As in Slicer the dead node stays the current one.
-        if node is self._node:
-            self._set("placeModeEnabled", False)
-
-    def _sceneChanged(self, nothing):
-        self._set("placeModeEnabled", False)
+        node, interaction = self._node, self.interactionNode()
+        status = [node.GetNthControlPointPositionStatus(index) for index in range(node.GetNumberOfControlPoints())]
+        if node.PositionUndefined in status:
+            node.SetNthControlPointPositionWorld(status.index(node.PositionUndefined), *position)
+        else:
+            node.AddControlPointWorld(*position)
+        if not interaction.GetPlaceModePersistence() or node.GetControlPointPlacementComplete():
+            interaction.SetCurrentInteractionMode(interaction.ViewTransform)
+        self._update()
 
     def _chosen(self):
-        self._set("placeModeEnabled", False)
+        # As in Slicer the application goes on to place points in the list before.
+        self._update()
+
+    def _nodeGoes(self, node):
+        """As in Slicer the dead node stays the current one."""
+
+    def _nodeGone(self, node):
+        self._update()
+
+    def _sceneChanged(self, nothing):
+        self._update()
 
     def _get_placeModeEnabled(self):
-        return self._placing
+        node, interaction, selection = self._node, self.interactionNode(), self.selectionNode()
+        return (
+            node is not None
+            and self._scene is not None
+            and _markupsLogic().GetActiveListID() == node.GetID()
+            and selection.GetActivePlaceNodeClassName() == node.GetClassName()
+            and interaction.GetCurrentInteractionMode() == interaction.Place
+        )
 
     def _set_placeModeEnabled(self, value):
-        value = value and self._node is not None and self._scene is not None
-        if value == self._placing:
-            self._buttons[0]._values["checked"] = value
+        if self._node is None or self._scene is None:
             return
-        self._placing = self._buttons[0]._values["checked"] = value
         interaction = self.interactionNode()
         if value:
-            self.selectionNode().SetReferenceActivePlaceNodeClassName(self._node.GetClassName())
-            self.selectionNode().SetReferenceActivePlaceNodeID(self._node.GetID())
+            _markupsLogic().SetActiveList(self._node)
+            self._chooseHowMany()
             interaction.SetCurrentInteractionMode(interaction.Place)
         else:
             interaction.SetCurrentInteractionMode(interaction.ViewTransform)
-        self._emit("activeMarkupsPlaceModeChanged", value)
-        self._emit("activeMarkupsFiducialPlaceModeChanged", value)
+        self._update()
+
+    def _set_unsetAllControlPointsOptionVisible(self, value):
+        self._store("unsetAllControlPointsOptionVisible", value)
+        self._update()
+
+    def _set_placeMultipleMarkups(self, value):
+        self._store("placeMultipleMarkups", value)
+        if self._get("placeModeEnabled"):
+            self._chooseHowMany()
+
+    def _chooseHowMany(self):
+        many = self._get("placeMultipleMarkups") == type(self).ForcePlaceMultipleMarkups
+        self.interactionNode().SetPlaceModePersistence(many)
+
+    def _update(self):
+        """Show what the application does, and say so where it is another thing than before."""
+        placing = self._place_._values["checked"] = self._get("placeModeEnabled")
+        if self._node is not None:
+            fixed = self._node.GetFixedNumberOfControlPoints()
+            removes = not fixed and self._get("deleteAllControlPointsOptionVisible")
+            # Without a menu the button goes where points cannot be removed.
+            self._delete._set("visible", removes or not fixed or self._get("unsetAllControlPointsOptionVisible"))
+        if placing != self._wasPlacing:
+            self._wasPlacing = placing
+            self._emit("activeMarkupsPlaceModeChanged", placing)
+            self._emit("activeMarkupsFiducialPlaceModeChanged", placing)
+
+
+def _markupsLogic():
+    return slicer.app.applicationLogic().GetModuleLogic("Markups")
 
 
 class qMRMLPlotView(SceneWidget):

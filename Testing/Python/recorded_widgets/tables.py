@@ -98,6 +98,7 @@ class QTableWidget(QWidget):
         self._rows, self._columns = ([a for a in arguments if isinstance(a, int)] + [0, 0])[:2]
         self._cells, self._widgets, self._titles = {}, {}, {}
         self._selected, self._current, self._editor = set(), (-1, -1), None
+        self._hidden = set()
         self._headers = {"h": QHeaderView(self), "v": QHeaderView(self)}
 
     def horizontalHeader(self):
@@ -160,6 +161,12 @@ class QTableWidget(QWidget):
     def removeRow(self, row):
         if 0 <= row < self._rows:
             self._shift(row, -1)
+
+    def setColumnHidden(self, column, hidden):
+        (self._hidden.add if hidden else self._hidden.discard)(column)
+
+    def isColumnHidden(self, column):
+        return column in self._hidden
 
     def resizeColumnsToContents(self):
         """Looks only."""

@@ -6,7 +6,7 @@ from .base import Recorded
 
 
 class QWidget(Recorded):
-    """Shown unless it, or what it is in, was hidden; enabled likewise."""
+    """Seen in a window that was shown unless it, or what it is in, was hidden; enabled likewise."""
 
     _defaults = {"enabled": True, "visible": True}
     _box = None
@@ -34,7 +34,7 @@ class QWidget(Recorded):
         self._set("visible", not hidden)
 
     def isHidden(self):
-        return not self._values.get("visible", True)
+        return not self._values.get("visible", isinstance(self._owner, QWidget))
 
     def setDisabled(self, disabled):
         self._set("enabled", not disabled)
@@ -44,9 +44,10 @@ class QWidget(Recorded):
 
     def _get_visible(self):
         owner = self._owner
-        return self._values.get("visible", True) and (
-            not isinstance(owner, QWidget) or (owner._get("visible") and not owner._folded())
-        )
+        if not isinstance(owner, QWidget):
+            # A window is seen once it is shown; without its main window Slicer shows no panel.
+            return self._values.get("visible", False)
+        return self._values.get("visible", True) and owner._get("visible") and not owner._folded()
 
     def _set_visible(self, value):
         self._values["visible"] = value

@@ -12,7 +12,7 @@ from ..mrml.organ_nodes import boundaryPointsOf
 from ..mrml.points import placedPoints, placingEvents, removeLastPoint
 from .binding import Binding
 from .form import fitHeight
-from .place_buttons import showPlaceButtons
+from .place_buttons import showPlaceButtons, stopPlacing
 
 
 class CorrectSection(VTKObservationMixin):
@@ -74,8 +74,7 @@ class CorrectSection(VTKObservationMixin):
 
     def stopPlacing(self):
         """Leave the mode in which clicks place boundary points; the mode of somebody else stays."""
-        if self._ui.boundaryPlaceWidget.placeModeEnabled:
-            self._ui.boundaryPlaceWidget.setPlaceModeEnabled(False)
+        stopPlacing(self._ui.boundaryPlaceWidget)
 
     def refresh(self, *, busy):
         """List the points, and enable what can be pressed.

@@ -8,18 +8,27 @@ import slicer
 from slicer.i18n import tr as _
 from slicer.util import VTKObservationMixin
 
-from ..mrml.generic_model import GenericModelParameters, createLandmarks, modelNamed, pairedOrgans, pairOrgan
+from ..mrml.generic_model import (
+    GenericModelParameters,
+    createLandmarks,
+    landmarksText,
+    modelNamed,
+    nextLandmark,
+    pairedOrgans,
+    pairOrgan,
+    skipLandmark,
+)
 from ..mrml.generic_model_export import exportModel, modelMeshArguments
 from ..mrml.generic_model_fit import modelSteps
 from ..mrml.generic_model_nodes import colorByPatch, findModel, isColoredByPatch, messageOf
-from ..mrml.points import placedIndices, placingEvents
+from ..mrml.points import placingEvents
 from ..multipatch.library import MODELS
 from .binding import Binding
 from .fit_section import focusOnce
 from .form import fitHeight, showRow
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
-from .place_buttons import showPlaceButtons
+from .place_buttons import showPlaceButtons, stopPlacing
 from .runner import End, StepRunner
 from .signals import signalsBlocked
 
@@ -57,6 +66,7 @@ class ModelSection(VTKObservationMixin):
         ui.genericModelCombo.connect("currentIndexChanged(int)", self._modelChosen)
         ui.modelFileEdit.connect("currentPathChanged(QString)", self._fileChosen)
         ui.newLandmarksButton.connect("clicked()", self._createLandmarks)
+        ui.skipLandmarkButton.connect("clicked()", self._skipLandmark)
         ui.fitModelButton.connect("clicked()", self._fit)
         ui.cancelModelButton.connect("clicked()", self.cancel)
         ui.patchColorCheck.connect("toggled(bool)", self._colorChosen)
@@ -100,8 +110,7 @@ class ModelSection(VTKObservationMixin):
 
     def stopPlacing(self):
         """Leave the mode in which clicks place landmarks; the mode of somebody else stays."""
-        if self._ui.landmarkPlaceWidget.placeModeEnabled:
-            self._ui.landmarkPlaceWidget.setPlaceModeEnabled(False)
+        stopPlacing(self._ui.landmarkPlaceWidget)
 
     def cancel(self):
         """End before the next step, an earlier result stays; and end the mesher, which leaves no file."""
@@ -163,6 +172,8 @@ class ModelSection(VTKObservationMixin):
         table.horizontalHeader().setSectionResizeMode(_IN_TABLE, qt.QHeaderView.Stretch)
         fitHeight(table)
         showPlaceButtons(ui.landmarkPlaceWidget)
+        # Without this entry of its menu the button that takes the last place away is not there for such a list.
+        ui.landmarkPlaceWidget.unsetAllControlPointsOptionVisible = True
         ui.landmarkPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
 
     def _showModel(self):
@@ -251,6 +262,8 @@ class ModelSection(VTKObservationMixin):
     def _followLandmarks(self):
         node = self._parameters.modelLandmarks
         if node is not self._landmarks:
+            # Clicks would go on placing points of the list before.
+            self.stopPlacing()
             self.removeObservers()
             self._landmarks = node
             self._ui.landmarkPlaceWidget.setCurrentNode(node)
@@ -264,8 +277,16 @@ class ModelSection(VTKObservationMixin):
 
     def _showPlaced(self):
         """Say how many landmarks are placed, and which one the next click places."""
-        node, label = self._landmarks, self._ui.landmarksPlacedLabel
-        label.text = _landmarksText(node) if node is not None and node.GetScene() is not None else ""
+        ui, node = self._ui, self._landmarks
+        there = node is not None and node.GetScene() is not None
+        ui.landmarksPlacedLabel.text = landmarksText(node) if there else ""
+        showRow(there, ui.landmarksPlacedLabel)
+        ui.skipLandmarkButton.enabled = there and nextLandmark(node) is not None
+
+    def _skipLandmark(self):
+        skipLandmark(self._landmarks)
+        if nextLandmark(self._landmarks) is None:
+            self.stopPlacing()
 
     def _fit(self):
         if self.running:
@@ -330,13 +351,3 @@ class ModelSection(VTKObservationMixin):
 
     def _tell(self, text):
         self._message.show(text)
-
-
-def _landmarksText(node):
-    """How many points of a list are placed, and the name of the next one."""
-    count, placed = node.GetNumberOfControlPoints(), placedIndices(node)
-    text = _("{placed} of {count} placed").format(placed=len(placed), count=count)
-    missing = [index for index in range(count) if index not in placed]
-    if not missing:
-        return text
-    return _("{text}; next: {name}").format(text=text, name=node.GetNthControlPointLabel(missing[0]))

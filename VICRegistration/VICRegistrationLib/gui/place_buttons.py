@@ -1,4 +1,4 @@
-"""The buttons of a widget that places points."""
+"""The buttons of a widget that places points, and the mode that they switch on."""
 
 from __future__ import annotations
 
@@ -13,3 +13,14 @@ def showPlaceButtons(widget):
     widget.buttonsVisible = False
     widget.placeButton().show()
     widget.deleteButton().show()
+
+
+def stopPlacing(widget):
+    """Leave the mode in which clicks place points of a widget's list; the mode of another list stays.
+
+    Parameters
+    ----------
+    widget : qSlicerMarkupsPlaceWidget
+    """
+    if widget.placeModeEnabled:
+        widget.setPlaceModeEnabled(False)

@@ -19,7 +19,7 @@ from ..mrml.points import markedPoints, placingEvents
 from .binding import Binding
 from .form import showRow
 from .message_label import MessageLabel
-from .place_buttons import showPlaceButtons
+from .place_buttons import showPlaceButtons, stopPlacing
 from .segment_choice import SegmentChoice
 from .signals import signalsBlocked
 
@@ -98,8 +98,7 @@ class SeparateSection(VTKObservationMixin):
 
     def stopPlacing(self):
         """Leave the mode in which clicks place seeds; the mode of somebody else stays."""
-        if self._ui.seedPlaceWidget.placeModeEnabled:
-            self._ui.seedPlaceWidget.setPlaceModeEnabled(False)
+        stopPlacing(self._ui.seedPlaceWidget)
 
     def refresh(self):
         """Show the organ's settings, and separate again if they have changed."""

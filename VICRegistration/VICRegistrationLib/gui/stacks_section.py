@@ -99,8 +99,9 @@ class StacksSection(VTKObservationMixin):
         showRow(bool(self._listed), self._label, self._table)
         self._table.setRowCount(len(self._listed))
         ticked = self.chosen()
-        for row, node in enumerate(self._listed):
-            self._fill(row, node, node in ticked)
+        aligning = [self._fill(row, node, node in ticked) for row, node in enumerate(self._listed)]
+        # Names get the place of buttons that nobody can press.
+        self._table.setColumnHidden(_ALIGN, not any(aligning))
         fitHeight(self._table, header=False, least=1, most=STACK_ROWS)
 
     def _setUpTable(self):
@@ -117,6 +118,7 @@ class StacksSection(VTKObservationMixin):
         showRow(False, self._label, table)
 
     def _fill(self, row, node, isTicked):
+        """Show a volume; returns whether it can be aligned."""
         held = self._table.item(row, _RESULT)
         if held is None or held.data(qt.Qt.UserRole) != node.GetID():
             held = qt.QTableWidgetItem()
@@ -132,7 +134,8 @@ class StacksSection(VTKObservationMixin):
         record = self._records.get(node)
         held.setText(_short(record))
         held.setToolTip(_long(record, node))
-        button.enabled = record is not None and canBeAligned(record, self._own, node)
+        button.enabled = aligning = record is not None and canBeAligned(record, self._own, node)
+        return aligning
 
     def _check(self, node):
         check, nodeId = qt.QCheckBox(), node.GetID()

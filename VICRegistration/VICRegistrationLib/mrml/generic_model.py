@@ -4,6 +4,7 @@
 import json
 from typing import Optional
 
+import slicer
 from slicer import vtkMRMLMarkupsFiducialNode
 from slicer.i18n import tr as _
 from slicer.parameterNodeWrapper import parameterNodeWrapper
@@ -137,6 +138,58 @@ def createLandmarks(model, volumeNode):
     # Clicks place the points that have no places yet, and no others.
     node.SetFixedNumberOfControlPoints(True)
     return node
+
+
+def nextLandmark(markupsNode):
+    """Index of the landmark that the next click places.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+
+    Returns
+    -------
+    int or None
+        None where all are placed or skipped.
+    """
+    settled = (slicer.vtkMRMLMarkupsNode.PositionDefined, slicer.vtkMRMLMarkupsNode.PositionMissing)
+    indices = range(markupsNode.GetNumberOfControlPoints())
+    return next((i for i in indices if markupsNode.GetNthControlPointPositionStatus(i) not in settled), None)
+
+
+def skipLandmark(markupsNode):
+    """Leave out the landmark that the next click would place: the next one is placed instead.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+        One whose landmarks are all placed or skipped is left as it is.
+    """
+    index = nextLandmark(markupsNode)
+    if index is not None:
+        markupsNode.SetNthControlPointPositionMissing(index)
+
+
+def landmarksText(markupsNode):
+    """Say how many landmarks of a list are placed or skipped, and which one the next click places.
+
+    Parameters
+    ----------
+    markupsNode : vtkMRMLMarkupsFiducialNode
+
+    Returns
+    -------
+    str
+    """
+    count, index = markupsNode.GetNumberOfControlPoints(), nextLandmark(markupsNode)
+    placed = len(placedIndices(markupsNode))
+    missing = slicer.vtkMRMLMarkupsNode.PositionMissing
+    skipped = sum(markupsNode.GetNthControlPointPositionStatus(i) == missing for i in range(count))
+    words = _("{placed} of {count} placed, {skipped} skipped") if skipped else _("{placed} of {count} placed")
+    text = words.format(placed=placed, count=count, skipped=skipped)
+    if index is None:
+        return text
+    return _("{text}; next: {name}").format(text=text, name=markupsNode.GetNthControlPointLabel(index))
 
 
 def placedLandmarks(markupsNode, volumeNode):

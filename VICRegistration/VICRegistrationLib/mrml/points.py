@@ -61,6 +61,8 @@ def placingEvents():
     return (
         node.PointPositionDefinedEvent,
         node.PointPositionUndefinedEvent,
+        # A point of a given number that is skipped.
+        node.PointPositionMissingEvent,
         node.PointRemovedEvent,
         node.PointEndInteractionEvent,
     )
