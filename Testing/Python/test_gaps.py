@@ -145,7 +145,7 @@ def test_every_pair_of_the_demo_s_organs_is_measured_once(demo_gaps):
     assert [each.relation for each in found] == ["apart"] * 3
     # As measured when the organs were drawn; independent of the samples to 0.001 mm.
     np.testing.assert_allclose([each.distance for each in found], [5.1319, 19.7757, 4.1506], atol=1e-3)
-    assert "bladder and vagina are 5.132 mm apart at R 2.0" in str(found[0])
+    assert "bladder and vagina are 5.13 mm apart at R 2.0" in str(found[0])
 
 
 def test_an_overlap_is_told_in_a_sentence(overlapping):

@@ -88,11 +88,11 @@ class Gap:
         r, a, s = np.mean(place.points, axis=0)
         where = f"at R {r:.1f}, A {a:.1f}, S {s:.1f} mm"
         if self.deepest is None:
-            return f"{self.first} and {self.second} are {place.distance:.3f} mm apart {where}"
+            return f"{self.first} and {self.second} are {place.distance:.2f} mm apart {where}"
         relation = self.relation.replace("first", self.first).replace("second", self.second)
         return (
             f"{self.first} and {self.second} have {self.common_volume:.3g} mm³ in common ({relation}), "
-            f"{place.distance:.3f} mm deep {where}"
+            f"{place.distance:.2f} mm deep {where}"
         )
 
 

@@ -41,11 +41,13 @@ examples:
   vic-registration fit scan.nrrd --organ bladder --seed -3,42,10 --seed 8,40,22 --threshold 600,1500
   vic-registration fit dicom_folder --organ rectum --seed 0,-31,2 --net 11x9 --output rectum --quiet
   vic-registration export build/fit/*.vtp --step organs.step
+  vic-registration mesh build/fit/*.json --size 4 --output organs.msh
   vic-registration compare build/fit/*.vtp build/phantom/truth --output build/deviation
   vic-registration reproduce build/reproduce
 
-Exit code: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 3 if --keep-going left
-organs out, or --strict found a poor one; 130 after Ctrl-C and 143 after SIGTERM (nothing is written).
+Exit status: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 3 if --keep-going left
+organs out, --strict found a poor one, or model check found something; 130 after Ctrl-C and 143 after SIGTERM (nothing
+is written).
 """
 
 _FIT_EPILOG = """\
@@ -74,7 +76,7 @@ Several organs are described in a JSON file. Its keys are the words of the flags
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
       "solver": "gauss-newton", "tau": 1.5, "smoothness": 2e-4, "boundary": [[12.5, -30, 4]]}]}
-organ and seed are needed. "also": ["ax.nii.gz", "cor_folder"] beside "organs" is as --also.
+organ and seed, or organ and region, are needed. "also": ["ax.nii.gz", "cor_folder"] beside "organs" is as --also.
 Flags beside --config hold for the organs that do not say otherwise.
 
 examples:
@@ -93,6 +95,7 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> None:
         """Print the complaint and leave with code 2."""
         line = " ".join(message.split()).rstrip(".")
+        line = line.replace("the following arguments are required: ", "this is missing: ")
         self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
 
     def refuse_unknown(self, word: str) -> None:
@@ -276,9 +279,9 @@ def _add_fit_outputs(fit: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--keep-going",
         action="store_true",
-        help="fit the other organs if one cannot be fitted; exit code 3 then",
+        help="fit the other organs if one cannot be fitted; exit status 3 then",
     )
-    what.add_argument("--strict", action="store_true", help="exit code 3 if the verdict of an organ is poor")
+    what.add_argument("--strict", action="store_true", help="exit status 3 if the verdict of an organ is poor")
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
     what.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
     what.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")

@@ -15,6 +15,7 @@ from .configuration import OrganRequest, files_of, organ_request, read_requests
 from .console import speaker
 from .fitting import fit_to_folder
 from .organ_entries import FittedOrgan
+from .process import silenced_stderr
 from .references import OrganReference, chosen_labels, read_references, reference_paths
 
 
@@ -91,7 +92,8 @@ def phantom(options: argparse.Namespace) -> None:
     if options.stacks == 1 and (shift or turn):
         msg = "--motion was given without --stacks; it moves the patient before a further stack. Give --stacks 2 or 3."
         raise ValueError(msg)
-    with replacing_folder(options.folder) as drafts:
+    # ITK prints to stderr when the disk is full, and the error says so too.
+    with silenced_stderr(), replacing_folder(options.folder) as drafts:
         stacks = further_stacks(options.stacks - 1, shift_mm=shift, turn_degrees=turn)
         files = write_stacks(stacks, drafts)
         write_phantom(pelvis_phantom(), drafts, also=files)

@@ -16,7 +16,7 @@ from .console import aligned, speaker
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
 A model has organs, cut into named patches, and ligaments, fasciae and a pelvic floor that are attached to them. It is a
-file (schema vic-registration/model), or one of those that ship: {_NAMES}.
+file (schema vic-registration/model), or one that ships with the program: {_NAMES}.
 
 examples:
   vic-registration model show --output pelvis.png
@@ -25,7 +25,8 @@ examples:
   vic-registration model fit scan.nii.gz --config organs.json --output pelvis
 """
 _SHOW_EPILOG = f"""\
-MODEL is a file or {_NAMES} (default: {DEFAULT}). Parts and landmarks are listed; FILE's ending chooses what is written:
+MODEL is a file, {_NAMES} (default: {DEFAULT}). Parts and landmarks are listed.
+FILE's ending chooses what is written:
   .png           a picture from four sides: patches by colour, translucent where the image does not show them
   .step, .stp    exact faces with the names of the patches: organs and cords as solids, sheets as shells (LPS mm)
   .vtp           triangles with the names of their patch and part (LPS mm)
@@ -61,10 +62,10 @@ def add_parser(subparsers, add_command: Callable) -> None:
     fitting = add_command(actions, "fit", "fit a model to an image", model_fitting.run, epilog=model_fitting.EPILOG)
     model_fitting.add_words(fitting)
     showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
-    showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, or {_NAMES}")
+    showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, {_NAMES}")
     showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(SUFFIXES)}")
     checking = add_command(actions, "check", "look for what is wrong with a model", check, epilog=_CHECK_EPILOG)
-    checking.add_argument("model", metavar="MODEL", help=f"file, or {_NAMES}")
+    checking.add_argument("model", metavar="MODEL", help=f"file, {_NAMES}")
 
 
 def show(options: argparse.Namespace) -> None:

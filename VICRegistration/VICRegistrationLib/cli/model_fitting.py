@@ -38,7 +38,7 @@ EPILOG = f"""\
 The organs of a model are fitted together, to their regions and to the grey levels; everything that the image does not
 show is carried along, and is called estimated wherever it is shown. At least two organs of the model must be in the
 configuration, by the names that they have in the model; organs that are not there are predicted and called so. MODEL is
-a file or {_NAMES} (default: {DEFAULT}).
+a file, {_NAMES} (default: {DEFAULT}).
 
 Landmarks are places on bone, by the names that they have in the model (model show lists them): a point
 list of Slicer (.mrk.json) with these labels, or a JSON object such as {{"coccyx, tip": [0.5, -63.0, -46.0]}}, RAS mm.
@@ -51,7 +51,7 @@ DIR gets what fit writes about each organ, and:
 report.html and report.json hold the smallest determinant of the map, how far attachments slid, distances from the
 regions, and what was predicted or estimated.
 
-example:
+examples:
   vic-registration model fit scan.nii.gz --config organs.json --landmarks bones.mrk.json --output pelvis
   vic-registration model fit sag.nii.gz --also ax.nii.gz --config organs.json
 """
@@ -77,7 +77,7 @@ def add_words(fit: argparse.ArgumentParser) -> None:
         required=True,
         help="JSON file with the organs and their seeds or regions, as of fit",
     )
-    fit.add_argument("--model", metavar="MODEL", default=DEFAULT, help=f"file, or {_NAMES} (default: {DEFAULT})")
+    fit.add_argument("--model", metavar="MODEL", default=DEFAULT, help=f"file, {_NAMES} (default: {DEFAULT})")
     fit.add_argument("--landmarks", metavar="FILE", help="places on bone: .mrk.json of Slicer, or an object of names")
     fit.add_argument("--series", metavar="UID", help="which DICOM series of the folder")
     fit.add_argument(

@@ -99,7 +99,10 @@ class ModelResults:
             ("Placed", f"{fit.placement.scale:.2f} times as large, turned by {fit.placement.degrees:.0f} degrees"),
             ("Organs seen in the image", ", ".join(fit.organs)),
             ("Organs predicted", ", ".join(fit.predicted) or "none"),
-            ("Smallest determinant", f"{determinant:.2f}, near {part}: by how much space was enlarged at least"),
+            (
+                "Smallest determinant",
+                f"{determinant:.2f}, near {part}: volume after the map over volume before, where it is least",
+            ),
             *((f"Landmark {name}", f"met within {away:.1f} mm") for name, away in fit.landmarks.items()),
             ("Time", f"{fit.seconds:.2f} s from the regions to the carried model"),
         ]

@@ -47,8 +47,8 @@ class TetrahedronQuality:
     groups: dict
     surfaces: dict
 
-    def lines(self) -> list[str]:
-        """Report for people, one fact a line."""
+    def lines(self, *, surfaces: bool = True) -> list[str]:
+        """Report for people, one fact a line; with each group of triangles, or with their number."""
         kind = "linear" if self.order == 1 else "second-order"
         lines = [
             f"{self.tetrahedra} {kind} tetrahedra, {self.nodes} nodes, {self.inverted} inverted",
@@ -60,6 +60,8 @@ class TetrahedronQuality:
                 f"{name}: {group['tetrahedra']} tetrahedra, {group['volume'] / 1000.0:.2f} ml, "
                 f"{100.0 * (group['volume_ratio'] - 1.0):+.3f} % of the exact solid"
             )
+        if not surfaces:
+            return [*lines, f"{len(self.surfaces)} groups of triangles: see the .quality.json file"]
         lines.extend(
             f"{name}: {group['triangles']} triangles, {group['area']:.0f} mm2" for name, group in self.surfaces.items()
         )

@@ -261,7 +261,7 @@ def _inputs(organ: ReportedOrgan) -> list[tuple]:
     lengths = (("Erosion", "erosion", erosion), ("Dilation", "dilation", dilation))
     lengths += (("Width of the edge (tau)", "tau", options.tau),)
     rows += [(title, f"{value:.3g} mm", origin(name)) for title, name, value in lengths if value is not None]
-    rows.append(("Solver", options.solver, origin("solver")))
+    rows.append(("Solver", options.solver, "as given" if "solver" in organ.asked else "default"))
     if len(fit.boundary_points):
         far = np.abs(boundary_deviations(fit.surface, fit.boundary_points)).max()
         places = [*_places(fit.boundary_points), f"met within {far:.2f} mm"]
