@@ -55,8 +55,8 @@ def add_parser(subparsers, add_command: Callable) -> None:
         metavar="K",
         type=argument(_faces),
         default=1,
-        help="faces of each solid in the STEP file, from pole to pole, for programs that dislike seams (default: 1, "
-        "with a seam)",
+        help="faces of each solid in the STEP file, from pole to pole, for programs that cannot use a seam (default: "
+        "1, with a seam)",
     )
     parser.add_argument(
         "--chord-error",

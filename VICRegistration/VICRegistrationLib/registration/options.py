@@ -178,8 +178,8 @@ class FitOptions:
     loss: str = _row(
         "squares",
         _("loss"),
-        _("How much places at the wall count that look like something else, such as small clots"),
-        choices={"squares": _("Their squares (as published)"), "huber": _("Less than their squares (Huber)")},
+        _("How residuals count: by Huber's loss large ones, as at small clots beside the wall, count less"),
+        choices={"squares": _("By their squares (as published)"), "huber": _("Large ones less (Huber)")},
     )
     tolerance: float = _row(
         0.1,
@@ -192,7 +192,10 @@ class FitOptions:
         "settled",
         _("stop rule"),
         _("When a stage of the fit ends"),
-        choices={"settled": _("At the tolerance, or when settled"), "published": _("At the tolerance (as published)")},
+        choices={
+            "settled": _("At the tolerance, or when the cost settles"),
+            "published": _("At the tolerance (as published)"),
+        },
     )
     max_iterations: int | None = _row(
         None,

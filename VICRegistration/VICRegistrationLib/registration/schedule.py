@@ -308,7 +308,10 @@ def _levels_of_region(target: RegionImage, sampler: Sampler, reach: float, optio
     inside = values[valid & (away < 0.0)]
     outside = values[valid & (away > 0.0)]
     if not len(inside) or not len(outside):
-        msg = "The region fills the volume up to its border; a surface needs surroundings to be seen against."
+        msg = (
+            "The region fills the volume up to its border; the image must show what lies around the organ. Take a "
+            "larger image, or check the threshold."
+        )
         raise ValueError(msg)
     if options.levels == "given":
         return options.inside, options.outside
