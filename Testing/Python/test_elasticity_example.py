@@ -93,6 +93,14 @@ def test_linear_elements_are_refused(elasticity, tmp_path, capsys):
     assert "--order 2" in line
 
 
+@pytest.mark.parametrize("name", ["none.vtu", "m.msh"])
+def test_a_file_of_another_kind_is_refused_in_one_line(elasticity, tmp_path, capfd, name):
+    (tmp_path / "m.msh").write_text("$MeshFormat")
+    assert elasticity.main([str(tmp_path / name), "weight"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert f"There is no file {tmp_path / name} that ends in .vtu" in line
+
+
 def test_a_pressure_needs_a_cavity(elasticity, tmp_path, capsys):
     write_tetrahedra(cube(order=2), tmp_path / "m.vtu")
     assert elasticity.main([str(tmp_path / "m.vtu"), "pressure"]) == 2

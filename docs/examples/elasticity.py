@@ -5,8 +5,8 @@
     vic-registration mesh bladder.json --size 4 --order 2 --wall 4 --output wall.vtu
     python elasticity.py wall.vtu pressure --pressure 1
 
-The organ rests on an elastic foundation (springs k all over its outside) that stands for its surroundings: nothing has
-to be clamped. A clamped patch of the surface would be no well-posed problem, and its stress would grow with every finer
+The organ rests on an elastic foundation (springs k all over its outside) in place of its surroundings: nothing has to
+be clamped. A clamped patch of the surface would be no well-posed problem, and its stress would grow with every finer
 mesh. Units are mm and kPa, so that forces are in mN and energies in uJ; the frame is the files', LPS.
 """
 
@@ -16,6 +16,7 @@ import argparse
 import re
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from skfem import Basis, BilinearForm, ElementTetP2, ElementVector, FacetBasis, LinearForm, MeshTet2, solve
@@ -47,8 +48,11 @@ def read_mesh(path: str) -> MeshTet2:
     Raises
     ------
     ValueError
-        If the file holds no second-order tetrahedra.
+        If there is no such file, or it holds no second-order tetrahedra.
     """
+    if Path(path).suffix != ".vtu" or not Path(path).is_file():
+        msg = f"There is no file {path} that ends in .vtu; give one of vic-registration mesh --order 2."
+        raise ValueError(msg)
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(path)
     reader.Update()
@@ -142,8 +146,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mesh", help="second-order mesh: FILE.vtu")
     parser.add_argument("case", choices=("weight", "pressure"))
-    for name, default in (("young", 300.0), ("poisson", 0.45), ("foundation", 0.3), ("pressure", 1.0)):
-        parser.add_argument(f"--{name}", type=float, default=default, help=f"default: {default}")
+    for name, default, what in (
+        ("young", 300.0, "Young's modulus, kPa"),
+        ("poisson", 0.45, "Poisson's ratio"),
+        ("foundation", 0.3, "stiffness of the springs, kPa/mm"),
+        ("pressure", 1.0, "pressure inside, kPa"),
+    ):
+        parser.add_argument(f"--{name}", type=float, default=default, help=f"{what} (default: {default})")
     options = parser.parse_args(arguments)
     material = {"young": options.young, "poisson": options.poisson, "foundation": options.foundation}
     load = {"density": 1050.0} if options.case == "weight" else {"pressure": options.pressure}
