@@ -207,7 +207,7 @@ def test_warnings_are_told_word_by_word_before_the_result(parsed):
     places = [parsed.words.index(warning) for warning in WARNINGS]
     assert places == sorted(places)
     assert places[-1] < parsed.words.index("Result")
-    assert "Look at these 2 points first" in parsed.words
+    assert "Look at these 2 warnings first" in parsed.words
 
 
 def test_confidence_choices_and_deviation_are_told(parsed, full):
