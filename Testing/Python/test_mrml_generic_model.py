@@ -349,6 +349,22 @@ def test_patches_are_coloured_on_demand(fit, volume, nodes):
     assert not nodes.isColoredByPatch(volume)
 
 
+def test_a_deleted_table_of_colours_is_not_complained_of(fit, volume, nodes, scene, vtk_messages):
+    fit()
+    nodes.colorByPatch(volume, True)
+    (part, *_others) = nodes.partsOf(volume)
+    assert part.GetDisplayNode().GetScalarRange() == (0.0, scene_colors(part).GetNumberOfColors() - 1)
+    scene.RemoveNode(scene_colors(part))
+    part.GetDisplayNode().Modified()
+    part.Modified()
+    assert vtk_messages() == ""
+
+
+def scene_colors(part):
+    """Table that a part is coloured by."""
+    return part.GetDisplayNode().GetColorNode()
+
+
 def test_a_scene_that_is_saved_holds_everything(fit, volume, nodes, chosen, logic, scene, tmp_path):
     node = chosen.createLandmarks(chosen.modelNamed("pelvis"), volume)
     node.SetNthControlPointPositionWorld(1, 0.0, -66.0, -48.0)

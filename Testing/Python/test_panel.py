@@ -61,6 +61,26 @@ def test_a_rename_under_way_outlives_a_refresh(panelTests):
         case.tearDown()
 
 
+def test_the_list_of_stacks_takes_no_notice_of_label_maps(panelTests, monkeypatch):
+    case = panelTests.SceneTest()
+    case.setUp()
+    try:
+        case.add("bladder")
+        case.placeSeeds("bladder", count=1)
+        regions, segment = case.organ.regions, case.organ.regionSegmentId
+        case.add("uterus")
+        case.ui.sourceCombo.setCurrentIndex(1)
+        notices = []
+        monkeypatch.setattr(case.panel.stacksSection, "_onChanged", lambda: notices.append(1))
+        case.ui.segmentSelector.setCurrentNode(regions)
+        case.ui.segmentSelector.setCurrentSegmentID(segment)
+        case.waitForRegion()
+        assert case.organ.state.value == "separated"
+        assert notices == []
+    finally:
+        case.tearDown()
+
+
 def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
     def broken(*arguments):
         raise MemoryError

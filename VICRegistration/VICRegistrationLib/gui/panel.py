@@ -13,7 +13,7 @@ from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
 from ..mrml.stack_contours import followStacks
-from ..mrml.volumes import showInSlices
+from ..mrml.volumes import greyVolumes, showInSlices
 from .advanced_section import AdvancedSection
 from .binding import Binding
 from .compare_section import CompareSection
@@ -71,7 +71,7 @@ class Panel(VTKObservationMixin):
         self.organs = Organs(self.parameters)
         self.organs.adopt()
         if self.parameters.volume is None:
-            self.parameters.volume = _firstVolume()
+            self.parameters.volume = next(iter(greyVolumes()), None)
         self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
         self.modelSection.setModule(self.parameters.parameterNode)
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
@@ -247,9 +247,3 @@ class Panel(VTKObservationMixin):
             followStacks(organ)
         followVolumeWithModel(volume)
         self.refresh()
-
-
-def _firstVolume():
-    """First volume of the scene that is no label map, or None."""
-    nodes = slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode")
-    return next((node for node in nodes if node.GetClassName() == "vtkMRMLScalarVolumeNode"), None)

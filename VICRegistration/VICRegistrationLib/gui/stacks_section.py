@@ -11,6 +11,7 @@ from slicer.util import VTKObservationMixin
 from ..mrml.organ_nodes import volumeOf
 from ..mrml.stack_contours import chooseViews, followStacks
 from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
+from ..mrml.volumes import greyVolumes, isGreyVolume
 from .form import STACK_ROWS, fitHeight, showRow
 from .signals import signalsBlocked
 
@@ -177,15 +178,16 @@ class StacksSection(VTKObservationMixin):
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _nodeCame(self, caller, event, node):
-        kinds = ("vtkMRMLScalarVolumeNode", "vtkMRMLSliceCompositeNode", "vtkMRMLAbstractViewNode")
-        if any(node.IsA(kind) for kind in kinds):
+        # Label maps come and go while an organ is separated from a segment.
+        isVolume = isGreyVolume(node)
+        if isVolume or any(node.IsA(kind) for kind in ("vtkMRMLSliceCompositeNode", "vtkMRMLAbstractViewNode")):
             self._timer.start()
-        if node.IsA("vtkMRMLScalarVolumeNode") and self._organs is not None:
+        if isVolume and self._organs is not None:
             self._follow(node)
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _nodeGone(self, caller, event, node):
-        if node.IsA("vtkMRMLScalarVolumeNode") and not slicer.mrmlScene.IsClosing():
+        if isGreyVolume(node) and not slicer.mrmlScene.IsClosing():
             self._forgetRemoved()
             self._onChanged()
 
@@ -206,7 +208,7 @@ class StacksSection(VTKObservationMixin):
         for organ in self._organs:
             forgetRemovedStacks(organ)
             followStacks(organ)
-        for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
+        for node in greyVolumes():
             self._follow(node)
 
     def _follow(self, volumeNode):

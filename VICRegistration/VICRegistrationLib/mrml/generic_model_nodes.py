@@ -131,7 +131,9 @@ def colorByPatch(volumeNode, byPatch):
             if byPatch and table is not None:
                 display.SetActiveScalar(_PATCH, vtk.vtkAssignAttribute.CELL_DATA)
                 display.SetAndObserveColorNodeID(table.GetID())
-                display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseColorNodeScalarRange)
+                # That of the colour table would be missed at every look where somebody deletes the table.
+                display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseManualScalarRange)
+                display.SetScalarRange(0, table.GetNumberOfColors() - 1)
             display.SetScalarVisibility(byPatch and table is not None)
 
 

@@ -16,7 +16,7 @@ from slicer.i18n import tr as _
 from ..messages import Diagnostic
 from .points import markedPoints, placedIn, placedPoints
 from .sentences import sentence
-from .volumes import gridOf, imageFromVolume, linearRelation, localPoints
+from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints
 
 # Reference of the transform nodes that are made here to their volume.
 _MOVED = "VIC.moved"
@@ -78,8 +78,8 @@ def similarVolumes(volumeNode):
         return []
     low, high = _bounds(volumeNode)
     found = []
-    for node in slicer.util.getNodesByClass("vtkMRMLScalarVolumeNode"):
-        if node is volumeNode or node.GetClassName() != "vtkMRMLScalarVolumeNode":
+    for node in greyVolumes():
+        if node is volumeNode:
             continue
         otherLow, otherHigh = _bounds(node)
         if np.all(np.minimum(high, otherHigh) > np.maximum(low, otherLow)):

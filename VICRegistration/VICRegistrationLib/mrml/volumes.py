@@ -15,6 +15,7 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 # Attribute of what is put under a volume: the volume's grid at that time.
 _GRID = "VIC.grid"
+_GREY_VOLUME = "vtkMRMLScalarVolumeNode"
 
 
 def imageFromVolume(volumeNode):
@@ -64,6 +65,31 @@ def imageFromVolume(volumeNode):
     except ValueError as error:
         msg = f"{volumeNode.GetName()}: {error}"
         raise ValueError(msg) from error
+
+
+def isGreyVolume(node):
+    """Whether a node is a volume with grey levels: no label map, nor another of the kinds derived from it.
+
+    Parameters
+    ----------
+    node : vtkMRMLNode
+
+    Returns
+    -------
+    bool
+    """
+    return node.GetClassName() == _GREY_VOLUME
+
+
+def greyVolumes():
+    """List the volumes of the scene that organs may be looked for in.
+
+    Returns
+    -------
+    list of vtkMRMLScalarVolumeNode
+        Without label maps.
+    """
+    return [node for node in slicer.util.getNodesByClass(_GREY_VOLUME) if isGreyVolume(node)]
 
 
 def showInSlices(volumeNode):
