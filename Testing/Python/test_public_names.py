@@ -76,10 +76,27 @@ def test_a_path_stands_for_the_image_in_it(image, fit, tmp_path):
         np.testing.assert_allclose(again.surface.control_net, fit.surface.control_net, atol=1e-3)
 
 
+def test_what_is_no_surface_or_no_region_is_refused_by_a_sentence(fit):
+    for call in (
+        lambda: vic.compare(fit, fit.surface),
+        lambda: vic.compare(fit.surface, fit),
+        lambda: vic.refit(fit.image, fit),
+    ):
+        with pytest.raises(TypeError, match="OrganFit was given; give that of a fit, which is fit.surface"):
+            call()
+    with pytest.raises(TypeError, match="A region is needed, and OrganFit was given; make one with separate"):
+        vic.fit_region(fit.image, fit)
+
+
 @pytest.mark.parametrize("call", [vic.separate, vic.fit, vic.fit_region, vic.refit, vic.region_from_mask])
 def test_an_array_is_no_image(call):
     with pytest.raises(TypeError, match=r"ndarray was given; make one with Image.from_array\(array, ijk_to_ras\)"):
         call(np.zeros((5, 5, 5)), None)
+
+
+def test_a_surface_may_be_given_by_its_path(fit, tmp_path):
+    fit.surface.save(tmp_path / "organ.json")
+    assert vic.compare(tmp_path / "organ.json", fit.surface, n_points=100).hausdorff < 1e-9
 
 
 def test_single_choices_count_before_those_of_the_options(image):

@@ -21,6 +21,7 @@ from .registration.stacks import Stack
 from .registration.stages import Step
 
 if TYPE_CHECKING:
+    from .analysis.comparison import Comparison
     from .multipatch.fit import ModelFit
     from .multipatch.joint import JointStep
     from .multipatch.model import MultiPatchModel
@@ -127,6 +128,13 @@ def fit_region(
     >>> vic.fit_region(image, region, net=(9, 7)).options.net
     (9, 7)
     """
+    image = as_image(image)
+    if not isinstance(region, Region):
+        msg = (
+            f"A region is needed, and {type(region).__name__} was given; make one with separate, region_from_mask or "
+            "region_from_label."
+        )
+        raise TypeError(msg)
     options = _options(options, choices)
     steps = organ.fit_region(image, region, options, boundary_points=boundary_points, further=further)
     return finish(steps, on_step)
@@ -134,7 +142,7 @@ def fit_region(
 
 def refit(
     image: Image | str | os.PathLike,
-    surface: BSplineSurface,
+    surface: BSplineSurface | str | os.PathLike,
     options: FitOptions | None = None,
     *,
     boundary_points: np.ndarray | None = None,
@@ -148,7 +156,7 @@ def refit(
     Parameters
     ----------
     image : Image or path
-    surface : BSplineSurface
+    surface : BSplineSurface or path
         A closed organ near its edge, RAS mm.
     options, boundary_points, further, on_step, **choices
         As for :func:`fit`; net and closure are those of the surface. With boundary points the surface moves in their
@@ -180,8 +188,9 @@ def refit(
     >>> bool(abs(closest_points(corrected.surface, point).distances[0]) < 0.2)
     True
     """
+    image = as_image(image)
     given = {"boundary_points": boundary_points, "region": region, "further": further}
-    steps = refitting.refit(image, surface, _options(options, choices), **given)
+    steps = refitting.refit(image, _as_surface(surface), _options(options, choices), **given)
     return finish(steps, on_step)
 
 
@@ -261,12 +270,14 @@ def fit_model(
     return finish(steps_of(image, model, regions, options, landmarks=landmarks, further=further), on_step)
 
 
-def compare(surface: BSplineSurface, reference, *, label: int | str | None = None, **choices):
+def compare(
+    surface: BSplineSurface | str | os.PathLike, reference, *, label: int | str | None = None, **choices
+) -> Comparison:
     """Compare a surface with a reference: distances both ways, surface and volume Dice.
 
     Parameters
     ----------
-    surface : BSplineSurface
+    surface : BSplineSurface or path
         Closed, RAS mm.
     reference : BSplineSurface, ReferenceMesh or path
         Another surface; or a file with a surface, a mesh, or labels of an expert on any grid.
@@ -295,11 +306,14 @@ def compare(surface: BSplineSurface, reference, *, label: int | str | None = Non
     1.0 mm
     """
     from .analysis.comparison import compare as compared
+    from .analysis.distances import ReferenceMesh
     from .analysis.references import read_reference
 
     if isinstance(reference, (str, os.PathLike)):
         reference = read_reference(reference, label=label).reference
-    return compared(surface, reference, **choices)
+    elif not isinstance(reference, ReferenceMesh):
+        reference = _as_surface(reference)
+    return compared(_as_surface(surface), reference, **choices)
 
 
 def read_surface(path: str | os.PathLike) -> BSplineSurface:
@@ -342,6 +356,19 @@ def read_surface(path: str | os.PathLike) -> BSplineSurface:
     from .geometry.surface_file import read_surface as read
 
     return read(path)
+
+
+def _as_surface(surface: object) -> BSplineSurface:
+    """Return a surface as it is, or read it from its file; anything else is an error."""
+    if isinstance(surface, (str, os.PathLike)):
+        return read_surface(surface)
+    if not isinstance(surface, BSplineSurface):
+        msg = (
+            f"A surface is needed, and {type(surface).__name__} was given; give that of a fit, which is fit.surface, "
+            "or the path of a file."
+        )
+        raise TypeError(msg)
+    return surface
 
 
 def _options(options: FitOptions | None, choices: dict) -> FitOptions:
