@@ -165,7 +165,7 @@ def loadMesh(path):
     node.SetAndObserveStorageNodeID(storage.GetID())
     if not storage.ReadData(node):
         removeNodes([node])
-        raise ValueError(_("The mesh {path} cannot be loaded; look whether it is there.").format(path=path))
+        raise ValueError(_("The mesh {path} cannot be loaded; check that the file is there.").format(path=path))
     node.CreateDefaultDisplayNodes()
     node.GetDisplayNode().SetEdgeVisibility(True)
     report = path.with_name(f"{path.name}.quality.json")

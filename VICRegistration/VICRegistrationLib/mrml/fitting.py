@@ -412,4 +412,4 @@ def _seedWarnings(organ, volumeNode, image, region):
     held = [bool(region.mask[tuple(voxel)]) for voxel in voxels[within]]
     if all(held) and all(within):
         return []
-    return [_("The segment does not hold every seed; look whether it is the right one.")]
+    return [_("The segment does not hold every seed; check that it is the right one.")]
