@@ -219,6 +219,8 @@ class FitTest(PanelTestCase):
             self.assertEqual(self.ui.organsTable.item(row, 3).text(), f"{organ.volumeMl:.1f}")
         self.assertEqual(self.ui.progressBar.value, 100)
         self.assertIn("iterations", self.ui.fitStatusLabel.text)
+        self.add("uterus")
+        self.assertEqual((self.ui.progressBar.value, self.ui.fitStatusLabel.text), (0, ""))
 
     def test_cancelBringsTheSurfaceBack(self):
         organ = self.fitted("bladder")
@@ -775,6 +777,43 @@ class ModelTest(PanelTestCase):
         slicer.mrmlScene.Clear()
         self.waitForModel()
         self.assertFalse(self.ui.modelSection.enabled)
+
+    def test_aSavedSceneComesBackWithItsModel(self):
+        self.ui.newLandmarksButton.click()
+        self.ui.landmarkPlaceWidget.setPlaceModeEnabled(False)
+        landmarks = self.ui.modelLandmarksSelector.currentNode().GetName()
+        self.fitModel()
+        self.ui.patchColorCheck.click()
+        text, parts, told = findModel(self.volume).GetText(), set(self.parts()), self.ui.modelStatusLabel.text
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "scene.mrb")
+            self.assertTrue(slicer.util.saveScene(path))
+            slicer.mrmlScene.Clear()
+            self.assertEqual(self.ui.modelStatusLabel.text, "")
+            self.assertFalse(self.ui.modelSection.enabled or self.ui.exportModelButton.enabled)
+            slicer.util.loadScene(path)
+        self.volume = self.ui.volumeSelector.currentNode()
+        self.assertEqual((findModel(self.volume).GetText(), set(self.parts())), (text, parts))
+        self.assertEqual(self.ui.modelStatusLabel.text, told)
+        self.assertTrue(self.ui.patchColorCheck.checked and self.ui.exportModelButton.enabled)
+        self.assertEqual(self.ui.modelLandmarksSelector.currentNode().GetName(), landmarks)
+
+    def test_theVolumeGoesMeanwhile(self):
+        self.ui.fitModelButton.click()
+        slicer.app.processEvents()
+        slicer.mrmlScene.RemoveNode(self.volume)
+        self.waitForModel()
+        self.assertIn("was deleted", self.ui.modelStatusLabel.text)
+        self.assertFalse(self.ui.modelSection.enabled)
+
+    def test_eachVolumeHasAModelOfItsOwn(self):
+        self.fitModel()
+        told, first = self.ui.modelStatusLabel.text, self.volume
+        self.ui.volumeSelector.setCurrentNode(samples.addPhantomVolume())
+        self.assertEqual(self.ui.modelStatusLabel.text, "")
+        self.assertFalse(self.ui.exportModelButton.enabled or self.ui.patchColorCheck.enabled)
+        self.ui.volumeSelector.setCurrentNode(first)
+        self.assertEqual(self.ui.modelStatusLabel.text, told)
 
     def test_landmarksArePlacedByTheirNames(self):
         self.ui.newLandmarksButton.click()

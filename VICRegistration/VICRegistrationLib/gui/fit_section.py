@@ -61,6 +61,7 @@ class FitSection:
         """
         if not self.running:
             self._message.show(organ.message if organ is not None else "")
+            self._showProgress(100 if organ is not None and organ.surface is not None else 0)
         self._plot(organ)
 
     def refresh(self, *, ready):

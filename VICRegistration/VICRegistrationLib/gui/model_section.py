@@ -144,6 +144,8 @@ class ModelSection(VTKObservationMixin):
         fitted = findModel(volumeNode) is not None
         ui.patchColorCheck.enabled = fitted
         ui.exportModelButton.enabled = fitted and not self.running and not self._mesher.running
+        if changed and not self.running:
+            self._tell(messageOf(volumeNode))
         if not ready:
             return
         self._showModel()
@@ -151,8 +153,6 @@ class ModelSection(VTKObservationMixin):
         self._followLandmarks()
         self._showColors()
         self._meshChosen()
-        if changed and not self.running:
-            self._tell(messageOf(volumeNode))
 
     def _setUpWidgets(self):
         ui, table = self._ui, self._ui.modelOrgansTable
