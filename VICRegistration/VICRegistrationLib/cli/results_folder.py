@@ -131,7 +131,8 @@ def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: C
             outdated += _outdated(run, stored, drafts, warn)
     _tell_what_went(run, stored, outdated, warn)
     kept = ", ".join(name for name in stored.organs if name not in run.names)
-    say(f"written to {folder}: {', '.join(run.names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
+    names = [*run.names, *(["the model"] if run.model is not None else [])]
+    say(f"written to {folder}: {', '.join(names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
 
 
 def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str], None]) -> None:
