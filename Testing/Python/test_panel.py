@@ -61,6 +61,48 @@ def test_a_rename_under_way_outlives_a_refresh(panelTests):
         case.tearDown()
 
 
+@pytest.fixture
+def modules():
+    """What is imported of the project, put back after a test in which it is imported anew."""
+    kept = {name: module for name, module in sys.modules.items() if name.startswith("VICRegistration")}
+    yield
+    for name in [name for name in sys.modules if name.startswith("VICRegistration")]:
+        del sys.modules[name]
+    sys.modules.update(kept)
+
+
+@pytest.mark.usefixtures("modules")
+def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(panelTests):
+    import slicer
+
+    case = panelTests.SceneTest()
+    case.setUp()
+    case.fitted("bladder")
+    case.add("vagina")
+    case.placeSeeds("vagina", count=1)
+    case.ui.fitButton.click()
+    slicer.app.processEvents()
+    old = case.panel
+    case.widget.onReload()
+    case.widget = slicer.util.getModuleWidget("VICRegistration")
+    case.ui, case.panel = case.widget.ui, case.widget.panel
+    try:
+        assert (old.isOpen, old.fitSection.running, case.panel.isOpen) == (False, False, True)
+        assert type(old) is not type(case.panel)
+        assert [organ.label for organ in case.panel.organs] == ["bladder", "vagina"]
+        assert case.organ.surface is None
+        case.ui.fitButton.click()
+        case.waitForFit()
+        assert "iterations" in case.ui.fitStatusLabel.text
+        # Nothing follows the scene twice.
+        refreshed = []
+        old.refresh = lambda: refreshed.append(old)
+        case.organ.message = "seen once"
+        assert (refreshed, old.ui.organsTable.rowCount) == ([], 0)
+    finally:
+        case.tearDown()
+
+
 def test_the_list_of_stacks_takes_no_notice_of_label_maps(panelTests, monkeypatch):
     case = panelTests.SceneTest()
     case.setUp()

@@ -85,6 +85,15 @@ class Layout(Recorded, record=False):
     def addStretch(self, stretch=0):
         self._entries.append(None)
 
+    def count(self):
+        return len(self._entries)
+
+    def itemAt(self, index):
+        return self._entries[index]
+
+    def removeItem(self, item):
+        self._entries.remove(item)
+
     def _add(self, entry, index=None):
         self._entries.insert(len(self._entries) if index is None else index, entry)
         widget = self._widget()
