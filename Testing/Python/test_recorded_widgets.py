@@ -396,3 +396,6 @@ def test_widgets_and_parameters_follow_each_other_until_they_are_disconnected(qt
     assert (organ.erosion, widgets["rows"].value) == (1.0, 65)
     with pytest.raises(RuntimeError, match="GUI connector"):
         organ.connectParametersToGui({"threshold": qt.QSpinBox()})
+    # Only newer Slicers do this.
+    with pytest.raises(RuntimeError, match="GUI connector"):
+        organ.connectParametersToGui({"rows": ctk.ctkSliderWidget()})

@@ -70,17 +70,9 @@ class WholeNumber(Connector):
 
 
 class RealNumber(WholeNumber):
-    """float or int in a widget for real numbers."""
+    """float in a widget for real numbers; newer Slicers take whole numbers there as well."""
 
     lowest, highest = -float("inf"), float("inf")
-
-    def prepare(self):
-        if self.type is int:
-            self.widget.decimals = 0
-        super().prepare()
-
-    def read(self):
-        return self.type(self.widget.value)
 
 
 class EnumChoices(Connector):
@@ -149,7 +141,7 @@ CONNECTORS = {
     (FloatRange, "ctkRangeWidget"): RangeEnds,
 }
 for _name in ("QDoubleSpinBox", "ctkSliderWidget"):
-    CONNECTORS[float, _name] = CONNECTORS[int, _name] = RealNumber
+    CONNECTORS[float, _name] = RealNumber
 
 
 def connectorFor(widget, hint):
