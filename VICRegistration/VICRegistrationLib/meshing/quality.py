@@ -58,7 +58,7 @@ class TetrahedronQuality:
         for name, group in self.groups.items():
             lines.append(
                 f"{name}: {group['tetrahedra']} tetrahedra, {group['volume'] / 1000.0:.2f} ml, "
-                f"{100.0 * (group['volume_ratio'] - 1.0):+.3f} % of the exact solid"
+                f"{100.0 * (group['volume_ratio'] - 1.0):+.2f} % against the exact solid"
             )
         if not surfaces:
             return [*lines, f"{len(self.surfaces)} groups of triangles: see the .quality.json file"]

@@ -182,7 +182,7 @@ def mesh_figure(mesh: TetrahedralMesh, name: str):
         f"{len(mesh.tetrahedra)} {('linear', 'second-order')[mesh.order - 1]} tetrahedra   \u00b7   "
         f"{len(mesh.points)} nodes   \u00b7   {found.inverted} inverted   \u00b7   "
         f"scaled Jacobian: min {found.scaled_jacobian_min:.2f}, mean {found.scaled_jacobian_mean:.2f}   \u00b7   "
-        f"volume {100.0 * (found.volume_ratio - 1.0):+.2f} % of the exact solids"
+        f"volume {100.0 * (found.volume_ratio - 1.0):+.2f} % against the exact solids"
     )
     figure = blank_figure(12.0, 7.0)
     write_heading(figure, name, [line])
