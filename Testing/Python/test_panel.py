@@ -139,6 +139,29 @@ def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
         case.tearDown()
 
 
+@pytest.mark.parametrize("name", ["fitSteps", "modelSteps"])
+def test_a_fit_that_breaks_is_told(panelTests, monkeypatch, caplog, name):
+    def broken(*arguments):
+        yield from ([][index] for index in range(1))
+
+    section = {"fitSteps": "fit_section", "modelSteps": "model_section"}[name]
+    case = panelTests.SceneTest()
+    case.setUp()
+    try:
+        case.add("bladder")
+        monkeypatch.setattr(f"VICRegistrationLib.gui.{section}.{name}", broken)
+        (case.ui.fitButton if name == "fitSteps" else case.ui.fitModelButton).click()
+        case.waitForFit()
+        panelTests.waitFor(lambda: not case.panel.modelSection.running)
+        label = case.ui.fitStatusLabel if name == "fitSteps" else case.ui.modelStatusLabel
+        assert "The fit failed for a reason that was not foreseen" in label.text
+        assert "list index" not in label.text
+        assert "list index out of range" in caplog.text
+        assert case.ui.fitButton.enabled
+    finally:
+        case.tearDown()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")
 @pytest.mark.usefixtures("recorded")
 def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ import logging
 import time
 
 import qt
+from slicer.i18n import tr as _
 
 
 class End(enum.Enum):
@@ -26,7 +27,7 @@ class StepRunner:
     onStep : callable
         Called with the newest step after every slice of time: screens cannot show more.
     onEnd : callable
-        Called once with an :class:`End` and the generator's result, the exception, or None.
+        Called once with an :class:`End` and the generator's result, what is to be said of its failure, or None.
     budget : float
         Length of a slice in seconds; a step that takes longer is not interrupted.
     """
@@ -63,9 +64,12 @@ class StepRunner:
             self._end(End.DONE, finished.value)
         except ValueError as error:
             self._end(End.FAILED, error)
-        except Exception as error:
+        except Exception:
             logging.exception("The fit failed")
-            self._end(End.FAILED, error)
+            self._end(
+                End.FAILED,
+                _("The fit failed for a reason that was not foreseen; the log has it (Help > Report a Bug)."),
+            )
         else:
             qt.QTimer.singleShot(0, self._slice)
 
