@@ -466,6 +466,16 @@ def test_an_output_that_is_no_folder(refused, image_path, tmp_path, command, bel
     assert "file is not a folder; choose a folder for the output" in line
 
 
+@pytest.mark.parametrize("name", ["mri.nii.gz", "organs.json"])
+def test_a_phantom_does_not_replace_the_files_of_a_user(refused, tmp_path, name):
+    folder = tmp_path / "patient"
+    folder.mkdir()
+    (folder / name).write_text("mine")
+    assert f"{folder / name} is there and is not of a phantom; choose another folder" in refused("phantom", folder)
+    assert (folder / name).read_text() == "mine"
+    assert [path.name for path in folder.iterdir()] == [name]
+
+
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user who may not write everywhere")
 def test_an_output_folder_without_the_right_to_write(refused, image_path, output):
     output.chmod(0o500)

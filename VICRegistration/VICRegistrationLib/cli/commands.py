@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from ..files import replacing_folder
 from ..registration.diagnostics import fit_diagnostics
@@ -82,7 +83,7 @@ def phantom(options: argparse.Namespace) -> None:
 
     Raises
     ------
-    OSError
+    ValueError, OSError
         With a sentence for the user.
     """
     from ..phantoms.pelvis import pelvis_phantom, write_phantom
@@ -92,6 +93,7 @@ def phantom(options: argparse.Namespace) -> None:
     if options.stacks == 1 and (shift or turn):
         msg = "--motion was given without --stacks; it moves the patient before a further stack. Give --stacks 2 or 3."
         raise ValueError(msg)
+    _keep_files_of_the_user(Path(options.folder))
     # ITK prints to stderr when the disk is full, and the error says so too.
     with silenced_stderr(), replacing_folder(options.folder) as drafts:
         stacks = further_stacks(options.stacks - 1, shift_mm=shift, turn_degrees=turn)
@@ -99,6 +101,14 @@ def phantom(options: argparse.Namespace) -> None:
         write_phantom(pelvis_phantom(), drafts, also=files)
     named = ", ".join(["mri.nii.gz", *files])
     speaker()(f"phantom written to {options.folder}: {named}, organs.json and truth")
+
+
+def _keep_files_of_the_user(folder: Path) -> None:
+    """Refuse a folder that holds an MRI or a configuration without the phantom's true surfaces beside it."""
+    there = [path for path in (*sorted(folder.glob("mri*.nii.gz")), folder / "organs.json") if path.exists()]
+    if there and not (folder / "truth" / "bladder.json").exists():
+        msg = f"{there[0]} is there and is not of a phantom; choose another folder, or move it elsewhere."
+        raise ValueError(msg)
 
 
 def reproduce(options: argparse.Namespace) -> None:
