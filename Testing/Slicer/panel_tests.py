@@ -791,6 +791,7 @@ class ModelTest(PanelTestCase):
             slicer.mrmlScene.Clear()
             self.assertEqual(self.ui.modelStatusLabel.text, "")
             self.assertFalse(self.ui.modelSection.enabled or self.ui.exportModelButton.enabled)
+            self.assertEqual(self.ui.landmarksPlacedLabel.text, "")
             slicer.util.loadScene(path)
         self.volume = self.ui.volumeSelector.currentNode()
         self.assertEqual((findModel(self.volume).GetText(), set(self.parts())), (text, parts))

@@ -146,11 +146,11 @@ class ModelSection(VTKObservationMixin):
         ui.exportModelButton.enabled = fitted and not self.running and not self._mesher.running
         if changed and not self.running:
             self._tell(messageOf(volumeNode))
+        self._followLandmarks()
         if not ready:
             return
         self._showModel()
         self._showOrgans()
-        self._followLandmarks()
         self._showColors()
         self._meshChosen()
 
@@ -260,7 +260,7 @@ class ModelSection(VTKObservationMixin):
         self._ui.landmarkPlaceWidget.setPlaceModeEnabled(True)
 
     def _followLandmarks(self):
-        node = self._parameters.modelLandmarks
+        node = self._parameters.modelLandmarks if self._parameters is not None else None
         if node is not self._landmarks:
             # Clicks would go on placing points of the list before.
             self.stopPlacing()
