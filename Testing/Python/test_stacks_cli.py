@@ -104,7 +104,10 @@ def test_a_stack_that_is_no_volume_is_one_sentence(folder, tmp_path, capsys, kin
         sitk.WriteImage(sitk.GetImageFromArray(np.zeros(shape, dtype=np.float32), isVector=False), str(path))
     words = ["--also", path, "--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
     assert fit(folder, *words) == 2
-    assert "other.nii.gz" in capsys.readouterr().err
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert "other.nii.gz" in line
+    assert ("Give a file or a folder that holds it alone" in line) == (kind == "four")
+    assert "--frame" not in line
     assert not (tmp_path / "out").exists()
 
 

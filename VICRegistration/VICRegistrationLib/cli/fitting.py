@@ -11,6 +11,7 @@ from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
 from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
+from ..imaging.volumes import SeveralVolumes
 from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import finish, fit_region
 from ..registration.stacks import Stack, StackUse
@@ -172,7 +173,12 @@ def further_stacks(
     """Read all further stacks once, by their paths."""
     stacks = {}
     for path in dict.fromkeys(path for request in requests for path in request.also):
-        image, _ = read_with_warnings(path, warn)
+        try:
+            image, _ = read_with_warnings(path, warn)
+        except SeveralVolumes as error:
+            # --series and --frame are about the first image.
+            msg = f"{error.found}; a further stack is one volume. Give a file or a folder that holds it alone."
+            raise ValueError(msg) from error
         say(f"{path}: {_described(image)}")
         stacks[path] = Stack(image, path)
     return stacks

@@ -11,6 +11,7 @@ import SimpleITK as sitk
 from . import multiframe
 from .library_messages import one_line
 from .slices import Slice, stacked
+from .volumes import SeveralVolumes
 
 _SOP_CLASS, _IMAGE_TYPE, _FRAMES, _SAMPLES = "0008|0016", "0008|0008", "0028|0008", "0028|0002"
 _SERIES, _SERIES_DESCRIPTION, _SERIES_NUMBER = "0020|000e", "0008|103e", "0020|0011"
@@ -169,11 +170,8 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
         for uid, names in found.items()
     )
     reason = "" if series is None else f", and {len(matches) or 'none'} of them match '{series}'"
-    msg = (
-        f"The folder {folder} holds {len(found)} DICOM series{reason}: {listing}. Choose one with --series (its UID, "
-        "description or number)."
-    )
-    raise ValueError(msg)
+    listed = f"The folder {folder} holds {len(found)} DICOM series{reason}: {listing}"
+    raise SeveralVolumes(listed, ". Choose one with --series (its UID, description or number).")
 
 
 def _header(name: str) -> Header:

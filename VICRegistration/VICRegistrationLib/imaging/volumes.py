@@ -4,17 +4,18 @@ from __future__ import annotations
 
 
 class SeveralVolumes(ValueError):
-    """There are several volumes, and none was chosen.
+    """There are several volumes or series, and none was chosen.
 
     Parameters
     ----------
     found : str
         A sentence without its full stop: what there is.
-    count : int
+    way_out : str
+        What to do, as it follows the sentence.
     """
 
-    def __init__(self, found: str, count: int) -> None:
-        super().__init__(f"{found}; one volume is needed. Choose it with --frame 1 to --frame {count}.")
+    def __init__(self, found: str, way_out: str) -> None:
+        super().__init__(f"{found}{way_out}")
         self.found = found
 
 
@@ -49,5 +50,6 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
         msg = f"--frame {frame} was given, but {what} holds {found}; {needed}."
         raise ValueError(msg)
     if frame is None and count > 1:
-        raise SeveralVolumes(found or f"{what} holds {count} volumes", count)
+        way_out = f"; one volume is needed. Choose it with --frame 1 to --frame {count}."
+        raise SeveralVolumes(found or f"{what} holds {count} volumes", way_out)
     return (frame or 1) - 1
