@@ -68,7 +68,7 @@ TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
     "fitStatusLabel": "bladder: 18 iterations, cost 0.022, 0.72 s, 131.9 ± 0.6 ml\n"
     "Chosen: net 17x11, edge 1.77 mm, smoothness 0.00019",
-    "correctStatusLabel": "Press Refit: the surface is up to 4.9 mm from the points.",
+    "correctStatusLabel": "The surface is up to 4.9 mm from the points.",
     "landmarksPlacedLabel": "1 of 6 placed; next: coccyx, tip",
     "modelStatusLabel": "Model fitted to bladder, vagina in 0.8 s",
     "compareStatusLabel": "Against expert: bladder:\n"

@@ -92,6 +92,7 @@ class CorrectSection(VTKObservationMixin):
         ui.undoPointButton.enabled = len(positions) > 0
         if busy:
             return
+        ui.correctStatusLabel.text = ""
         deviations = self._deviations() if fitted else []
         ui.boundaryTable.setRowCount(len(positions))
         for row, position in enumerate(positions):
@@ -106,13 +107,10 @@ class CorrectSection(VTKObservationMixin):
         except ValueError as error:
             self._ui.correctStatusLabel.text = str(error)
             return []
-        self._ui.correctStatusLabel.text = (
-            _("Press Refit: the surface is up to {distance} mm from the points.").format(
+        if len(found):
+            self._ui.correctStatusLabel.text = _("The surface is up to {distance} mm from the points.").format(
                 distance=f"{max(abs(found)):.1f}"
             )
-            if len(found)
-            else ""
-        )
         return found
 
     def _pointsChanged(self, caller=None, event=None):
