@@ -74,7 +74,11 @@ CONTENTS = {
         "points": [("-121.7, -138.2, -114.0", "+14.90")] * 8,
     },
     "long messages": dict.fromkeys(
-        ("regionStatusLabel", "fitStatusLabel", "correctStatusLabel", "compareStatusLabel"), LONG
+        (
+            *("regionStatusLabel", "fitStatusLabel", "correctStatusLabel", "compareStatusLabel"),
+            *("modelStatusLabel", "landmarksPlacedLabel"),
+        ),
+        LONG,
     )
     | {"exportStatusLabel": PATH},
 }
