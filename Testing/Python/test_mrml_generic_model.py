@@ -296,6 +296,20 @@ def test_a_list_of_landmarks_has_their_names_and_no_places(volume, chosen):
     assert len(labels) == 6
     assert node.GetNumberOfUndefinedControlPoints() == 6
     assert chosen.placedLandmarks(node, volume) == {}
+    # Both are in the selector.
+    assert chosen.createLandmarks(model, volume).GetName() != node.GetName()
+
+
+def test_landmarks_that_are_skipped_are_not_taken(volume, chosen):
+    node = chosen.createLandmarks(chosen.modelNamed("pelvis"), volume)
+    chosen.skipLandmark(node)
+    assert chosen.nextLandmark(node) == 1
+    node.SetNthControlPointPositionWorld(1, 1.0, 2.0, 3.0)
+    assert list(chosen.placedLandmarks(node, volume)) == [node.GetNthControlPointLabel(1)]
+    for _ in range(9):
+        chosen.skipLandmark(node)
+    assert chosen.nextLandmark(node) is None
+    assert chosen.landmarksText(node) == "1 of 6 placed, 5 skipped"
 
 
 def test_landmarks_that_are_placed_pull_the_model(fit, volume, chosen):

@@ -128,7 +128,8 @@ def createLandmarks(model, volumeNode):
     """
     if not model.landmarks:
         raise ValueError(_("The model has no landmarks; fit it without them."))
-    node = createPoints(_("{model} landmarks").format(model=model.name or _("model")), _LANDMARK_COLOR)
+    name = _("{model} landmarks").format(model=model.name or _("model"))
+    node = createPoints(slicer.mrmlScene.GenerateUniqueName(name), _LANDMARK_COLOR)
     node.GetDisplayNode().SetPointLabelsVisibility(True)
     putUnderVolume(node, volumeNode)
     for name in model.landmarks:
