@@ -66,9 +66,13 @@ def test_the_model_has_the_surfaces_of_all_stacks(both):
         assert np.array_equal(both.model.parents[name].control_net, fit.surface.control_net)
 
 
-def test_organs_are_deformed_as_one_in_the_image_alone(alone, both):
+def test_organs_are_deformed_as_one_on_all_stacks(alone, both):
+    stages = list(dict.fromkeys(step.stage for step in both.organs["vagina"].history))
+    assert stages[3:6] == ["grey levels, fine", "grey levels, coarse, all stacks", "grey levels, fine, all stacks"]
     for name in both.organs:
-        assert np.array_equal(both.together[name].control_net, alone.together[name].control_net)
+        assert not np.array_equal(both.together[name].control_net, alone.together[name].control_net)
+        # Measured: 0.06 mm.
+        assert error(both.together[name], name) < 0.1
 
 
 def test_each_organ_may_have_stacks_of_its_own_and_noise_is_left_out(sagittal, noise, alone):
@@ -79,14 +83,17 @@ def test_each_organ_may_have_stacks_of_its_own_and_noise_is_left_out(sagittal, n
         assert np.array_equal(fit.surface.control_net, alone.organs[name].surface.control_net)
 
 
-def test_a_stack_with_another_filling_is_left_out_of_that_organ(sagittal, alone):
+def test_a_stack_with_another_filling_is_left_out_of_that_organ(sagittal):
     other = stack("axial", moved=True, filling=1.04)
     found = vic.fit_model(sagittal, SEEDS, two_organs(), further=[other])
     (full,), (same,) = (found.organs[name].stacks for name in SEEDS)
     assert full.reason.code == "stack_shows_another_shape"
     assert same.used
-    bladder = found.organs["bladder"].surface.control_net
-    assert np.array_equal(bladder, alone.organs["bladder"].surface.control_net)
+    stages = [step.stage for step in found.organs["bladder"].history if step.stopped_by]
+    # What the stack has led to is done again without it; the vagina, which moves with the bladder, keeps it.
+    assert stages[-3:] == ["grey levels, coarse, all stacks", "grey levels, fine, all stacks", "own control points"]
+    # Measured: 0.071 mm, and 0.063 mm where no stack was given; with the stack that is left out 0.3 mm.
+    assert error(found.organs["bladder"].surface, "bladder") < 0.1
 
 
 def test_an_organ_that_the_image_cuts_is_completed_from_another_stack(sagittal, axial):
@@ -98,6 +105,8 @@ def test_an_organ_that_the_image_cuts_is_completed_from_another_stack(sagittal, 
     assert part.whole_region.volume_ml > 1.1 * part.region.volume_ml
     # Measured: 0.10 mm, and 1.27 mm without the further stack.
     assert error(part.surface, "vagina") < 0.2
+    # Measured: 0.08 mm; 0.19 mm where all organs are deformed as one on the image alone.
+    assert error(found.together["vagina"], "vagina") < 0.13
     assert found.deviations["vagina"] < 1.0
 
 
@@ -168,7 +177,7 @@ def test_the_page_shows_each_organ_in_the_stack_that_was_used(output):
 def test_motions_are_told(folder, output, told):
     lines = told.getvalue()
     assert f"vagina: {folder / 'ax.nii.gz'}, moved by R A S +0." in lines
-    assert "model: vagina, grey levels, coarse, all stacks" in lines
+    assert "model: grey levels, coarse, all stacks" in lines
 
 
 def test_a_stack_is_not_replaced(folder, tmp_path, capsys):

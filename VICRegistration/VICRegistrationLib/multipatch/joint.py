@@ -232,19 +232,18 @@ class JointSpace:
             Of each organ, at the end.
         """
         starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
-        costs = {name: stages[name].correlation(start) for name, start in starts.items()}
-        energies = sum(
-            cost.energies(bending=stages[name].bending, sliding=stages[name].sliding, anchor=stages[name].anchor)
-            for name, cost in costs.items()
+        objectives = {name: stages[name].objective(start) for name, start in starts.items()}
+        objective = Objective(
+            [cost for own in objectives.values() for cost in own.costs],
+            stiffness=sum(own.stiffness for own in objectives.values()),
         )
-        objective = Objective(list(costs.values()), stiffness=energies)
         stage = next(iter(stages.values()))
         for number, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
             q = iterate.q
             found = {name: start.parametrization.deform(q) for name, start in starts.items()}
-            cost = iterate.cost / len(costs)
+            cost = iterate.cost / len(stages)
             yield JointStep(stage.name, number, cost, iterate.displacement, found, stopped_by)
-        return found, {name: cost.sample(q).cost for name, cost in costs.items()}
+        return found, {name: sum(cost.sample(q).cost for cost in own.costs) for name, own in objectives.items()}
 
 
 def projected(surface: BSplineSurface, columns: np.ndarray) -> np.ndarray:

@@ -5,8 +5,10 @@
    on the grey levels, coarse and fine.
 3. *Register* each organ with its own control points, on the grey levels.
 
-Further stacks count from the third step on: each organ is aligned with them by its own surface, and fitted to all that
-show it. Before, they complete the region of an organ that the image cuts, if there is one.
+Further stacks complete the region of an organ that the image cuts. Once all organs were deformed as one on the image
+alone, each is aligned with the stacks by its own surface; then one cost sums over all organs and over all stacks that
+show each, and after that an organ's own control points are fitted to these. A stack that contradicts the image in the
+end is left out of that organ, and what followed from it is done again.
 """
 
 from __future__ import annotations
@@ -64,7 +66,7 @@ class _Organ:
     asked: FitOptions
     schedule: Schedule
     history: list[Step]
-    stacks: tuple[Stack, ...]
+    stacks: JointStacks
     choices: tuple[Choice, ...] = ()
 
 
@@ -117,12 +119,17 @@ def fit_organs(
     surfaces = space.nearest({name: surface.transformed(maps[name]).control_net for name, surface in placed.items()})
     clouds = {name: _boundary(organ.schedule.region) for name, organ in organs.items()}
     surfaces = yield from _in_histories(space.towards(surfaces, clouds), organs)
-    organs, together = yield from _deformed_as_one(space, organs, surfaces)
-    fits, surfaces = {}, together
-    for name, organ in organs.items():
-        steps = _by_itself(image, organ, placed[name], start=start)
-        fits[name] = yield from _beside_others(steps, name, surfaces)
-        surfaces = {**surfaces, name: fits[name].surface}
+    organs, alone = yield from _deformed_as_one(space, organs, surfaces, ("on_region", "coarse", "fine"))
+    while True:
+        planned, together = yield from _on_all_stacks(space, organs, alone)
+        outcomes = yield from _each_registered(planned, placed, together)
+        # Of every organ, so that all of them lose what contradicts at once.
+        if not sum(organ.stacks.leave_out_contradicting() for organ in organs.values()):
+            break
+    fits, shown = {}, {name: organ.history[-1].surface for name, organ in planned.items()}
+    for name, organ in planned.items():
+        steps = _completed(image, organ, outcomes[name], start=start)
+        fits[name] = yield from _beside_others(steps, name, shown)
     return FittedOrgans(fits, together, placement)
 
 
@@ -137,7 +144,8 @@ def _planned(
         whole, stacks = yield from _beside_others(steps, name, {})
     pose = replace(moments(whole), center=np.zeros(3), axes=np.eye(3))
     options = asked.filled_in(threshold=region.threshold, net=net_of(parent, CLOSURE), closure=CLOSURE)
-    return _Organ(region, whole, asked, Schedule.of_region(image, whole, pose, options), history, stacks)
+    schedule = Schedule.of_region(image, whole, pose, options)
+    return _Organ(region, whole, asked, schedule, history, JointStacks(stacks, np.eye(4)))
 
 
 def _boundary(region: RegionImage) -> np.ndarray:
@@ -151,15 +159,33 @@ def _boundary(region: RegionImage) -> np.ndarray:
 
 
 def _deformed_as_one(
-    space: JointSpace, organs: dict[str, _Organ], surfaces: dict[str, BSplineSurface]
+    space: JointSpace,
+    organs: dict[str, _Organ],
+    surfaces: dict[str, BSplineSurface],
+    keys: Sequence[str],
+    suffix: str = "",
 ) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
-    """Deform all organs as one; between coarse and fine, what follows the image is chosen for each of them."""
-    for stage in ("on_region", "coarse", "fine"):
-        stages = {name: getattr(organ.schedule, stage) for name, organ in organs.items()}
+    """Deform all organs as one; after the coarse stage, what follows the images is chosen for each of them."""
+    for key in keys:
+        stages = {}
+        for name, organ in organs.items():
+            stage = getattr(organ.schedule, key)
+            stages[name] = replace(stage, name=stage.name + suffix)
         surfaces, costs = yield from _in_histories(space.run(stages, surfaces), organs)
-        if stage == "coarse":
+        if key == "coarse":
             organs = {name: _chosen(organ, costs[name]) for name, organ in organs.items()}
     return organs, surfaces
+
+
+def _on_all_stacks(
+    space: JointSpace, organs: dict[str, _Organ], surfaces: dict[str, BSplineSurface]
+) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
+    """Align each organ with the further stacks, and deform all as one on those that show them, if there are any."""
+    schedules = {name: organ.stacks.beside(organ.schedule, surfaces[name]) for name, organ in organs.items()}
+    organs = {name: replace(organ, schedule=schedules[name]) for name, organ in organs.items()}
+    if not any(schedule.views for schedule in schedules.values()):
+        return organs, surfaces
+    return (yield from _deformed_as_one(space, organs, surfaces, ("coarse", "fine"), ", all stacks"))
 
 
 def _in_histories(steps, organs: Mapping[str, _Organ]):
@@ -189,38 +215,37 @@ def _chosen(organ: _Organ, cost: float) -> _Organ:
     return replace(organ, schedule=schedule, choices=choices)
 
 
-def _by_itself(image: Image, organ: _Organ, placed: BSplineSurface, *, start: float) -> Generator[Step, None, OrganFit]:
-    """Register an organ with its own control points, from the surface that all of them together have led to."""
-    outcome = yield from recorded(_register(organ, placed), organ.history)
-    points = checked_boundary_points(None)
-    fit = yield from completed(image, organ.history, outcome, points, region=organ.region, start=start)
-    return fit if organ.whole is organ.region else replace(fit, whole_region=organ.whole)
+def _each_registered(
+    organs: Mapping[str, _Organ], placed: Mapping[str, BSplineSurface], together: dict[str, BSplineSurface]
+) -> Generator[JointStep, None, dict[str, Outcome]]:
+    """Register each organ with its own control points, from the surfaces that all of them together have led to."""
+    outcomes, surfaces = {}, together
+    for name, organ in organs.items():
+        steps = recorded(_registered(organ, placed[name], together[name]), organ.history)
+        outcomes[name] = yield from _beside_others(steps, name, surfaces)
+        surfaces = {**surfaces, name: organ.history[-1].surface}
+    return outcomes
 
 
-def _register(organ: _Organ, placed: BSplineSurface) -> Generator[Step, None, Outcome]:
-    """Register an organ on the grey levels of all stacks, without those that contradict the image."""
-    together, stacks = organ.history[-1], JointStacks(organ.stacks, np.eye(4))
-    while True:
-        outcome = yield from _on_grey_levels(organ, together, placed, stacks)
-        if not stacks.leave_out_contradicting():
-            return outcome
-
-
-def _on_grey_levels(
-    organ: _Organ, together: Step, placed: BSplineSurface, stacks: JointStacks
-) -> Generator[Step, None, Outcome]:
-    space, choices = sampled(together.surface, CLOSURE), organ.choices
-    schedule, coarse = yield from stacks.joined(organ.schedule, together, space)
+def _registered(organ: _Organ, placed: BSplineSurface, together: BSplineSurface) -> Generator[Step, None, Outcome]:
+    """Register an organ on the grey levels of all stacks that show it."""
+    start = replace(organ.history[-1], surface=together)
+    space = sampled(together, CLOSURE)
+    schedule, surface = organ.stacks.realigned(organ.schedule, together)
+    found = yield from last_step(replace(schedule.fine, name="own control points"), space.at(surface))
     if schedule.views:
-        schedule, choices = choose_by(coarse, schedule, organ.asked)
-    found = yield from last_step(replace(schedule.fine, name="own control points"), space.at(coarse.surface))
-    if schedule.views:
-        schedule, surface = stacks.realigned(schedule, found.surface)
+        schedule, surface = organ.stacks.realigned(schedule, found.surface)
         again = replace(schedule.fine, name="own control points, motion found again")
         found = yield from last_step(again, space.at(surface))
     found, limited = yield from within_drift_limit(
-        found, schedule, space, on_region=together, fallback=together, called="surface of the generic model"
+        found, schedule, space, on_region=start, fallback=start, called="surface of the generic model"
     )
     cost = schedule.fine.cost_of(space.at(found.surface), placed)
     net = Choice("net", net_text(schedule.options.net), (Diagnostic("net_of_model"),))
-    return Outcome(schedule.options, (net, *choices, *limited), cost, stacks.uses(found.surface))
+    return Outcome(schedule.options, (net, *organ.choices, *limited), cost, organ.stacks.uses(found.surface))
+
+
+def _completed(image: Image, organ: _Organ, outcome: Outcome, *, start: float) -> Generator[Step, None, OrganFit]:
+    points = checked_boundary_points(None)
+    fit = yield from completed(image, organ.history, outcome, points, region=organ.region, start=start)
+    return fit if organ.whole is organ.region else replace(fit, whole_region=organ.whole)

@@ -124,6 +124,7 @@ class JointStacks:
         """
         if not schedule.views:
             return schedule, surface
+        self._fitted.update(number for number in range(len(self.stacks)) if self._used(number))
         placed = refined(schedule.sampler, surface, np.eye(4), known=known_lines(schedule.sampler, surface))
         if is_found(placed):
             surface = surface.transformed(placed.motion)
