@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from model_organs import plain_organs
+from scipy.spatial.transform import Rotation
 
+from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.geometry.space_deformation import CardinalDeformation
 from VICRegistrationLib.geometry.validity import check_surface
@@ -113,7 +115,10 @@ def test_the_carrying_map_takes_organs_to_organs_and_the_space_between_along(org
     carry = CarryingMap(organs, target)
     for name, surface in organs.items():
         u, v = surface.midpoints(20, 13)
-        assert np.linalg.norm(carry(surface.points(u, v)) - target[name].points(u, v), axis=1).mean() < 0.1
+        carried = carry(surface.points(u, v))
+        assert np.abs(target[name].closest_points(carried).distances).mean() < 0.1
+        # Within the surface the map goes its own way, the smoothest one.
+        assert np.linalg.norm(carried - target[name].points(u, v), axis=1).mean() < 0.6
     between = np.array([[0.0, 10.0, -10.0], [10.0, -22.0, 0.0]])
     assert np.linalg.norm(carry(between) - pushed(between), axis=1).max() < 1.0
 
@@ -131,5 +136,22 @@ def test_landmarks_pull_what_is_far_from_the_organs(organs):
     held = CarryingMap(organs, organs, landmarks=mark, places=mark + 10.0)
     assert np.allclose(free(mark), mark, atol=1e-6)
     assert np.linalg.norm(held(mark) - mark - 10.0) < 4.0
-    inside = organs["bladder"].points(*organs["bladder"].midpoints(14, 10))
-    assert np.abs(held(inside) - inside).max() < 0.5
+    bladder = organs["bladder"]
+    kept = bladder.closest_points(held(bladder.points(*bladder.midpoints(14, 10)))).distances
+    assert np.abs(kept).max() < 0.2
+
+
+def test_the_carrying_map_does_not_follow_points_that_slid_within_their_surface():
+    balls, slid = {}, {}
+    for name, center, degrees in (
+        ("one", (0, 0, 0), 20.0),
+        ("two", (50, 0, 10), -20.0),
+        ("three", (0, 50, -10), -20.0),
+    ):
+        matrix, turn = np.eye(4), np.eye(4)
+        matrix[:3, 3], turn[:3, :3] = center, Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+        ball = models.closed_organ((17, 13), axes=20.0 * np.eye(3))
+        balls[name], slid[name] = ball.transformed(matrix), ball.transformed(matrix @ turn)
+    points = np.array([[25.0, 25.0, 0.0], [50.0, 50.0, -30.0]])
+    # Measured: 0.1 and 0.7 mm; 1.5 and 8.6 mm where samples hold the map in all directions alike.
+    assert np.linalg.norm(CarryingMap(balls, slid)(points) - points, axis=1).max() < 1.0
