@@ -27,7 +27,8 @@ SETTINGS = {
     "docs/development.md": "pictures of 250 kB",
     "docs/file-formats.md": "never 1 mm; positions 0.1 mm; pixdim 1 %; qform 0.5 mm; axes 0.2 degrees; labels 0.001; "
     "corners 1e-6; verdict 1.5 mm",
-    "docs/generic-model.md": "sheets of 3 and 2.5 mm, from the literature 2.9, 0.8, 2.2 to 2.8, 1.2 to 1.7 mm; 0 degrees but for rounding; elements 3 mm; Jacobian 0.1; "
+    "docs/generic-model.md": "sheets of 3 and 2.5 mm, in the literature 2.9, 0.8, 2.2 to 2.8, 1.2 to 1.7 mm; "
+    "0 degrees but for rounding; elements 3 mm; Jacobian 0.1; "
     "basis functions 80 mm; turned 45 degrees; landmarks 30 mm; determinant 0.1",
     "docs/method.md": "slices of 4 mm; pixels 2 to 3; bent by 1.2 half widths; the paper's 0.01 and 9 x 7",
     "docs/several-stacks.md": "refused beyond 15 mm, 15 degrees",

@@ -17,12 +17,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from ..geometry.parametrization import Parametrization, closed_organ
+from ..geometry.projection import closest_points
 from ..geometry.space_deformation import CardinalDeformation
 from ..geometry.surface import BSplineSurface
 from ..registration.cost import Objective
 from ..registration.nets import grid_shape, net_of
 from ..registration.sample_grid import SampledSurface, SampleGrid
 from ..registration.stages import Stage, Step, iterate_stage
+from .carrying import CarryingMap
 
 # Radius of Wendland's function, mm, and centres on each organ.
 RADIUS_MM = 80.0
@@ -37,6 +39,9 @@ _MOST_MATCHES = 30
 _MATCH_TOLERANCE = 0.01
 # What holds displacements without support in them, as a share of the others; a hundredth of it gives the same.
 _RIDGE = 1e-2
+# Nugget of the map by which points slide on their surfaces, mm^2: from 0.03 to 0.3 the same. With 4 the ends of a long,
+# thin vagina lose their points, and its tip is 2.5 mm off in place of 1.4 mm.
+_NUGGET = 0.1
 CLOSURE = "smooth"
 
 
@@ -181,23 +186,14 @@ class JointSpace:
         last = np.inf
         for number in range(1, _MOST_MATCHES + 1):
             starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
-            left, right, costs = 0.0, 0.0, []
+            pulls = []
             for name, start in starts.items():
-                basis = start.grid.motion(start.parametrization.matrices[0], dense=True)[0]
-                points = start.frame(np.zeros(start.n_dof)).points
+                basis, points = _samples(start)
                 _, there = trees[name].query(points)
                 _, here = cKDTree(points).query(clouds[name])
-                for functions, offsets in (
-                    (basis, clouds[name][there] - points),
-                    (basis[here], clouds[name] - points[here]),
-                ):
-                    left = left + functions.T @ functions / len(offsets)
-                    right = right + functions.T @ offsets / len(offsets)
-                    costs.append(np.mean(np.sum(offsets**2, axis=1)))
-            ridge = _RIDGE * np.trace(left) / len(left)
-            q = np.linalg.solve(left + ridge * np.eye(len(left)), right).T.ravel()
-            before = surfaces
-            surfaces = {name: start.parametrization.deform(q) for name, start in starts.items()}
+                pulls += [(basis, clouds[name][there] - points), (basis[here], clouds[name] - points[here])]
+            costs = [np.mean(np.sum(offsets**2, axis=1)) for _, offsets in pulls]
+            before, surfaces = surfaces, _pulled(starts, pulls)
             steps = (surfaces[name].control_net - before[name].control_net for name in surfaces)
             moved = max(float(np.linalg.norm(step, axis=-1).max()) for step in steps)
             cost = float(np.mean(costs))
@@ -208,6 +204,27 @@ class JointSpace:
                 break
             last = cost
         return surfaces
+
+    def evened(self, surfaces: Mapping[str, BSplineSurface]) -> dict[str, BSplineSurface]:
+        """Let points slide within their surfaces to where the map that bends space least puts them.
+
+        Moments and nearest points bring surfaces to their places, and say little of where on them a point belongs.
+        On six known maps points are 1.9 mm off within their surfaces without this and 1.2 mm with it.
+
+        Parameters
+        ----------
+        surfaces : mapping of str to BSplineSurface
+            Reached by the degrees of freedom.
+        """
+        placed = {name: sampled.parametrization.surface for name, sampled in self.surfaces.items()}
+        carry = CarryingMap(placed, surfaces, nugget=_NUGGET)
+        starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
+        pulls = []
+        for name, start in starts.items():
+            basis, points = _samples(start)
+            _, model = _samples(self.surfaces[name])
+            pulls.append((basis, closest_points(surfaces[name], carry(model)).points - points))
+        return _pulled(starts, pulls)
 
     def run(
         self, stages: Mapping[str, Stage], surfaces: Mapping[str, BSplineSurface]
@@ -244,6 +261,23 @@ class JointSpace:
             cost = iterate.cost / len(stages)
             yield JointStep(stage.name, number, cost, iterate.displacement, found, stopped_by)
         return found, {name: sum(cost.sample(q).cost for cost in own.costs) for name, own in objectives.items()}
+
+
+def _samples(surface: SampledSurface) -> tuple[np.ndarray, np.ndarray]:
+    """Functions by which one coordinate of a surface's samples moves, (n, m), and the samples, (n, 3) mm."""
+    motion = surface.grid.motion(surface.parametrization.matrices[0], dense=True)[0]
+    return motion, surface.frame(np.zeros(surface.n_dof)).points
+
+
+def _pulled(
+    starts: Mapping[str, SampledSurface], pulls: list[tuple[np.ndarray, np.ndarray]]
+) -> dict[str, BSplineSurface]:
+    """Move surfaces by least squares over pulls: functions of samples (n, m), and offsets (n, 3) to their goals, mm."""
+    left = sum(functions.T @ functions / len(functions) for functions, _ in pulls)
+    right = sum(functions.T @ offsets / len(functions) for functions, offsets in pulls)
+    ridge = _RIDGE * np.trace(left) / len(left)
+    q = np.linalg.solve(left + ridge * np.eye(len(left)), right).T.ravel()
+    return {name: start.parametrization.deform(q) for name, start in starts.items()}
 
 
 def projected(surface: BSplineSurface, columns: np.ndarray) -> np.ndarray:

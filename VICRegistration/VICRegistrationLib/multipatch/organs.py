@@ -2,7 +2,7 @@
 
 1. *Place* all organs by the moments of their regions, see :mod:`.placement`.
 2. *Deform* them as one by radial basis functions, see :mod:`.joint`: to the ends of the regions, on the regions, then
-   on the grey levels, coarse and fine.
+   on the grey levels, coarse and fine. In between, points slide on their surfaces to where space bends least.
 3. *Register* each organ with its own control points, on the grey levels.
 
 Further stacks complete the region of an organ that the image cuts. Once all organs were deformed as one on the image
@@ -165,7 +165,7 @@ def _deformed_as_one(
     keys: Sequence[str],
     suffix: str = "",
 ) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
-    """Deform all organs as one; after the coarse stage, what follows the images is chosen for each of them."""
+    """Deform all organs as one; after the coarse stage, what follows the images is chosen, and points slide."""
     for key in keys:
         stages = {}
         for name, organ in organs.items():
@@ -174,6 +174,7 @@ def _deformed_as_one(
         surfaces, costs = yield from _in_histories(space.run(stages, surfaces), organs)
         if key == "coarse":
             organs = {name: _chosen(organ, costs[name]) for name, organ in organs.items()}
+            surfaces = space.evened(surfaces)
     return organs, surfaces
 
 
