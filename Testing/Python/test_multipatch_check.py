@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_model import egg_with_band
 
-from VICRegistrationLib.multipatch.check import check_model, require_connected
+from VICRegistrationLib.multipatch.check import check_model, require_meshable
 from VICRegistrationLib.multipatch.crossings import crossing
 from VICRegistrationLib.multipatch.model import MultiPatchModel
 from VICRegistrationLib.multipatch.pelvis import pelvis
@@ -59,8 +59,8 @@ def test_a_sheet_that_shares_no_points_is_found_and_refused(model):
     points = np.concatenate([model.points, model.points[model.patch("band").indices[:, 0]]])
     loose = of_other_points(replace(model, points=points), "band", lambda old: np.column_stack([own, old[:, 1:]]))
     assert first_sentence(loose).startswith("band shares no points with any other part")
-    with pytest.raises(ValueError, match="does not hold together: band shares no points"):
-        require_connected(loose)
+    with pytest.raises(ValueError, match="cannot be meshed: band shares no points"):
+        require_meshable(loose)
 
 
 def test_a_cord_beside_its_foot_is_found(model):
@@ -124,8 +124,17 @@ def test_triangles_that_touch_do_not_cross():
     assert crossing(points, first, np.array([[3, 5, 6]])) is None
 
 
-def test_another_unit_is_found(model):
-    assert "egg is 8.5 mm large" in first_sentence(scaled(model, np.eye(3) / 10.0))
+def test_another_unit_is_found_and_refused(model):
+    centimetres = scaled(model, np.eye(3) / 10.0)
+    assert "egg is 8.5 mm large" in first_sentence(centimetres)
+    with pytest.raises(ValueError, match=r"cannot be meshed: egg is 8\.5 mm large"):
+        require_meshable(centimetres)
+
+
+def test_a_landmark_far_from_everything_is_found(model):
+    far = replace(model, landmarks={**model.landmarks, "toe": np.array([0.0, 0.0, -700.0])})
+    assert codes(far) == ["model_landmark_far"]
+    assert "The landmark toe at R 0, A 0, S -700 mm is 6" in first_sentence(far)
 
 
 def test_another_frame_is_found():

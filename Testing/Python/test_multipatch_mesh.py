@@ -120,7 +120,7 @@ def test_walls_and_other_patches_are_refused(options, message, model):
 
 def test_a_model_that_does_not_hold_together_is_refused(model):
     patches = tuple(patch for patch in model.patches if patch.name != "string end")
-    with pytest.raises(ValueError, match="does not hold together: string does not bound a solid"):
+    with pytest.raises(ValueError, match="cannot be meshed: string does not bound a solid"):
         mesh_model(replace(model, patches=patches))
 
 

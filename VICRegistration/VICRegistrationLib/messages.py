@@ -200,6 +200,10 @@ SENTENCES = {
         "{part} is {size_mm:.3g} mm large; an organ has {least_mm:g} to {most_mm:g} mm. The model may be in another "
         "unit: write it again in mm."
     ),
+    "model_landmark_far": _(
+        "The landmark {landmark} at R {r:.0f}, A {a:.0f}, S {s:.0f} mm is {away_mm:.0f} mm from everything else in the "
+        "model. Correct its place, in RAS mm."
+    ),
     "another_frame": _(
         "{first} lies {direction} {second}. The model may be in another frame (LPS): write it again in RAS, x to the "
         "right, y to the front, z to the head."

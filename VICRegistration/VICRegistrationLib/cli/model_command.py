@@ -39,7 +39,8 @@ examples:
 """
 _CHECK_EPILOG = """\
 Looked for are parts that share no points with others, cords that are not closed, folded patches, organs that are no
-valid solids or overlap, sheets and cords that pass through organs or one another, and signs of another unit or frame.
+valid solids or overlap, sheets and cords that pass through organs or one another, landmarks far from everything, and
+signs of another unit or frame.
 Exit status is 3 if something is wrong, and 2 if the file holds no model.
 
 example:
@@ -134,7 +135,7 @@ def parts_table(model: MultiPatchModel) -> str:
     str
         A line for each.
     """
-    rows = [("part", "kind", "patches", "points", "")]
+    rows = [("part", "kind", "patches", "points", "size")]
     for part in model.parts:
         patches = model.patches_of(part.name)
         points = len(model.indices_of(part.name))

@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 from ..multipatch.fit import ModelFit
+from ..multipatch.formats import MODEL, MODEL_STEP, MODEL_VTP, write_model_files
 from ..multipatch.model import Part
-from ..multipatch.model_files import MODEL, MODEL_STEP, MODEL_VTP, write_model_files
 from ..multipatch.picture import model_figure
 from ..report.contents import ReportedModel
 from ..report.figure import save_figure

@@ -34,7 +34,7 @@ def exportModel(volumeNode, folder):
     from ..file_names import organ_name
     from ..files import replacing_folder
     from ..geometry.surface_file import write_surface
-    from ..multipatch.model_files import MODEL_STEP, write_model_files
+    from ..multipatch.formats import MODEL_STEP, write_model_files
 
     model = modelOfVolume(volumeNode)
     organs = {organ_name(name): model.parents[name] for name in model.organs if not model.part(name).estimated}
@@ -77,7 +77,7 @@ def modelMeshArguments(volumeNode, workFolder, folder, suffix, *, sizeMm):
         As :func:`exportModel`.
     """
     from ..multipatch.file import write_model
-    from ..multipatch.model_files import MODEL
+    from ..multipatch.formats import MODEL
 
     source, path = Path(workFolder) / MODEL, Path(folder) / f"{Path(MODEL).stem}{suffix}"
     write_model(modelOfVolume(volumeNode), source)

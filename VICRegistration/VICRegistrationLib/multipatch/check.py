@@ -21,6 +21,8 @@ _ORGAN_SIZES = (15.0, 500.0)
 # Deeper inside an organ than this is through its wall, mm. From 1e-9 to 0.5 the same is found: nothing in the pelvis as
 # it ships, carried at random or fitted to the demo, and a cord that is led through the rectum.
 _DEEP = 0.1
+# Farther from every point of the model no place on the bones of a pelvis is, mm: some 25 mm in the one that ships.
+_FAR_LANDMARK = 100.0
 # Samples of a patch in each direction.
 _SAMPLES = 13
 # Chord error of the triangles of cords and sheets, mm.
@@ -40,6 +42,7 @@ def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
         Empty for a good model. Whether parts pass through others is looked for only where all hold together.
     """
     found = [*_sizes(model), *_frame(model), *_organs(model), *check_connections(model), *_folds(model)]
+    found = found or _landmarks(model)
     return tuple(found or [*through_organs(model), *through_cords(model), *through_sheets(model)])
 
 
@@ -66,17 +69,17 @@ def check_connections(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
     return tuple(found)
 
 
-def require_connected(model: MultiPatchModel) -> None:
-    """Refuse a model whose parts do not hold together.
+def require_meshable(model: MultiPatchModel) -> None:
+    """Refuse a model that is not in mm, or whose parts do not hold together.
 
     Raises
     ------
     ValueError
-        With the first sentence of :func:`check_connections`.
+        With the first sentence of what is wrong.
     """
-    found = check_connections(model)
+    found = [*_sizes(model), *check_connections(model)]
     if found:
-        msg = f"The model does not hold together: {found[0].sentence()}"
+        msg = f"The model cannot be meshed: {found[0].sentence()}"
         raise ValueError(msg)
 
 
@@ -238,6 +241,16 @@ def _frame(model: MultiPatchModel) -> list[Diagnostic]:
         values = {"first": "rectum", "second": "bladder", "direction": "in front of"}
         found.append(Diagnostic("another_frame", values))
     return found[:1]
+
+
+def _landmarks(model: MultiPatchModel) -> list[Diagnostic]:
+    """Landmarks that lie far from everything."""
+    found = []
+    for name, place in model.landmarks.items():
+        away = float(np.linalg.norm(model.points - place, axis=1).min())
+        if away > _FAR_LANDMARK:
+            found.append(Diagnostic("model_landmark_far", {"landmark": name, "away_mm": away, **_place(place)}))
+    return found
 
 
 def _middle(model: MultiPatchModel, part: Part) -> np.ndarray:

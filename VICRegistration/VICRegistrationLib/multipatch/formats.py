@@ -1,4 +1,4 @@
-"""Formats that a model is saved in, by the ending of the file's name."""
+"""Formats that a model is saved in: by the ending of the file's name, and those that every fit of a model writes."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ _WRITERS = {
     ".vtp": write_model_vtp,
 }
 SUFFIXES = tuple(_WRITERS)
+# Names of the files about a model that the command line and Slicer write alike.
+MODEL, MODEL_STEP, MODEL_VTP = "model.json", "model.step", "model.vtp"
 
 
 def check_suffix(path: str | os.PathLike) -> str:
@@ -39,3 +41,32 @@ def check_suffix(path: str | os.PathLike) -> str:
 def save_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
     """Write a model in the format that the file's name asks for; see :meth:`.model.MultiPatchModel.save`."""
     _WRITERS[check_suffix(path)](model, path)
+
+
+def write_model_files(model: MultiPatchModel, folder: Path) -> tuple[list[str], str]:
+    """Write a model as JSON, STEP and VTP.
+
+    Parameters
+    ----------
+    model : MultiPatchModel
+    folder : Path
+
+    Returns
+    -------
+    names : list of str
+        Of the files that were written.
+    problem : str
+        Why there is no STEP file, in a sentence; empty if there is one.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    write_model(model, folder / MODEL)
+    write_model_vtp(model, folder / MODEL_VTP)
+    try:
+        write_model_step(model, folder / MODEL_STEP)
+    except ValueError as error:
+        return [MODEL, MODEL_VTP], f"There is no {MODEL_STEP}: {error}"
+    return [MODEL, MODEL_STEP, MODEL_VTP], ""

@@ -20,7 +20,7 @@ from ..meshing.process import PATCH_WORKER, MeshingError, require_gmsh, run_work
 from ..meshing.regions import MeshOptions, field_file
 from ..meshing.sizes import size_field
 from ..messages import Diagnostic
-from .check import require_connected, through_cords, through_organs
+from .check import require_meshable, through_cords, through_organs
 from .model import MultiPatchModel, Part
 from .second_order import with_middles
 from .step import faces_step_text
@@ -57,7 +57,7 @@ def mesh_model(
     Raises
     ------
     ValueError
-        If the model does not hold together, an organ is no valid solid, or an option is not for models.
+        If the model is not in mm or does not hold together, an organ is no valid solid, or an option is not for models.
     MeshingError
         With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that is
         wrong.
@@ -68,7 +68,7 @@ def mesh_model(
         raise ValueError(msg)
     require_gmsh()
     say("checking the model")
-    require_connected(model)
+    require_meshable(model)
     validate_solids([Solid(organ, parent) for organ, parent in model.parents.items()])
     solids = [part for part in model.parts if part.kind != "sheet"]
     exact = {part.labelled(): solid_volume(model, part) for part in solids}
