@@ -277,7 +277,9 @@ def test_an_organ_cut_by_the_volume_closes_near_its_border(image, start, stop, f
 
 def test_a_region_without_surroundings_is_refused(image):
     everything = region_from_mask(image, np.ones(image.array.shape))
-    with pytest.raises(ValueError, match="The region fills the volume up to its border; the image must show what lies around"):
+    with pytest.raises(
+        ValueError, match="The region fills the volume up to its border; the image must show what lies around"
+    ):
         finish(fit_region(image, everything))
 
 
