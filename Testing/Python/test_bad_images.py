@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 
 import numpy as np
 import pytest
@@ -290,12 +291,29 @@ def test_a_constant_image(dtype, level):
     refused(lambda: separate(image, [10, 10, 5]), "No edge of an organ", f"grey level {level}")
 
 
-def test_a_region_that_leaks_over_the_volume(image):
+def test_the_refusal_of_a_region_that_leaks_over_the_volume_names_a_threshold_that_works(image):
+    seed = [18, 20, 10]
+    with pytest.raises(ValueError, match=re.escape("fills most of the volume (100% of it)")) as refusal:
+        separate(image, seed, threshold=(0, 300))
+    found = re.search(r"With a threshold of ([\d.]+) to ([\d.]+) it is one piece of ([\d.]+) ml\.$", str(refusal.value))
+    low, high, volume = map(float, found.groups())
+    assert separate(image, seed, threshold=(low, high)).volume_ml == pytest.approx(volume, abs=0.05)
+
+
+def test_the_refusal_of_a_region_that_touches_every_face_names_an_erosion_that_works():
+    away = np.linalg.norm(np.indices((41, 41, 41)) - 20.0, axis=0)
+    levels = np.where(away < 12.0, 100.0, 0.0)
+    for axis in range(3):
+        bar = [slice(19, 22)] * 3
+        bar[axis] = slice(None)
+        levels[tuple(bar)] = 100.0
+    image = Image(levels, np.eye(4))
     refused(
-        lambda: separate(image, [18, 20, 10], threshold=(0, 300)),
-        "fills most of the volume (100% of it)",
-        "Narrow the threshold or increase the erosion",
+        lambda: separate(image, [20, 20, 20], threshold=(50, 150), erosion=1.0),
+        "touches 6 of the six faces",
+        "With an erosion of 2 mm it is one piece of 7.",
     )
+    assert separate(image, [20, 20, 20], threshold=(50, 150), erosion=2.0).touches_border == ()
 
 
 def test_a_region_that_touches_every_face():

@@ -187,7 +187,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--seed", "-12,8,6", "--threshold", "600,1000"], ["outside the threshold 600 to 1000"]),
         (["--erosion", "40"], ["The erosion is 40", "from 0 to 20 mm"]),
         (["--erosion", "19"], ["bladder: The erosion of 19 mm leaves nothing"]),
-        (["--threshold", "-10000,10000"], ["bladder: The separated region", "Narrow the threshold"]),
+        (["--threshold", "-10000,10000"], ["bladder: The separated region", "With a threshold of"]),
         (["--net", "3x3"], ["--net", "ROWSxCOLUMNS from 5 to 65"]),
         (["--net", "5x5", "--closure", "paper"], ["bladder: A net of 5x5", "need at least 6x5"]),
         (["--seed", "1,2"], ["--seed", "three numbers R,A,S"]),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.segmentation.edge_support import agreement, edge_support
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.sphere import cheapest_radii, sphere
@@ -78,6 +80,13 @@ def test_a_shape_does_not_depend_on_the_place_that_was_clicked(ball, seed):
     assert dice(star_region(image, star), truth) > 0.98
 
 
+def test_a_long_organ_is_seen_from_its_middle_though_its_end_was_clicked():
+    k, j, i = places()
+    inside = np.hypot(np.hypot(k, j) / 11.0, i / 30.0) < 1.0
+    star = find_star(image_of(np.where(inside, 150.0, 50.0)), np.array([26.0, 0.0, 0.0]))
+    np.testing.assert_allclose(star.middle, 0.0, atol=1.5)
+
+
 def test_a_dark_organ_is_seen_as_well(ball):
     image, truth = ball
     image = Image(300.0 - image.array, image.ijk_to_ras)
@@ -143,6 +152,17 @@ def test_noise_alone_holds_no_organ(seed):
     image = image_of(np.full((2 * HALF + 1,) * 3, 100.0), noise=8.0)
     with pytest.raises(ValueError, match="No edge of an organ|fills most of the volume"):
         separate(image, [seed])
+
+
+def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball):
+    image, truth = ball
+    star = find_star(image, np.zeros(3))
+    supports = [
+        edge_support(image, region_from_mask(image, mask), star)
+        for mask in (truth, ndimage.binary_erosion(truth), ndimage.binary_dilation(truth))
+    ]
+    assert np.ptp(supports) < 0.005
+    assert edge_support(image, region_from_mask(image, ndimage.binary_erosion(truth, iterations=5)), star) < 0.3
 
 
 def test_the_right_boundary_has_more_support_than_a_fragment(ball):

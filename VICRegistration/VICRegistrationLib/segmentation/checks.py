@@ -18,6 +18,20 @@ LEAK_FACTOR = 1.3
 _SIDES_MM = (4.0, 1e4)
 
 
+class TooLarge(ValueError):
+    """A region within a threshold is no organ, but too large or cut at too many faces.
+
+    Parameters
+    ----------
+    message : str
+    threshold : (float, float)
+    """
+
+    def __init__(self, message, threshold):
+        super().__init__(message)
+        self.threshold = threshold
+
+
 def check_scale(image):
     """Refuse a volume that is given in another unit than millimetres."""
     sides = image.spacing * image.size
@@ -106,9 +120,9 @@ def refuse_leak(image, seeds, edges, limits, factor):
     msg = (
         f"The grey levels {low:.6g} to {limits.high:.6g} around the seed {place(seeds[0])} are connected to more "
         f"than {factor:g} times the {edges.volume / 1000.0:.1f} ml seen from it: that is no organ. Place the seed "
-        "deeper in the organ, add a second one, or narrow the threshold."
+        "deeper in the organ or add a second one."
     )
-    raise ValueError(msg)
+    raise TooLarge(msg, (low, limits.high))
 
 
 def fills_volume(image, region):
@@ -127,9 +141,9 @@ def check_leak(image, region):
     low, high = region.threshold
     msg = (
         f"The separated region {reach} ({share:.0%} of it): with the threshold {low:.6g} to {high:.6g} it is "
-        "not one organ. Narrow the threshold or increase the erosion."
+        "not one organ."
     )
-    raise ValueError(msg)
+    raise TooLarge(msg, region.threshold)
 
 
 def check_pieces(region):

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..imaging.image import Image
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .star_surface import STEP_SHARE, Star, blurred
 
-# As many voxels of the boundary are looked at, at these depths across it, mm; inside first.
+# As many voxels of the boundary are looked at.
 _MOST_PLACES = 3000
-_DEPTHS_MM = np.array([-2.5, -1.75, -1.0, 0.5, 1.25, 2.0])
+# Before and behind an edge, levels are taken at so many places, one apart from the next and from the edge, mm.
+_SIDE, _STEP_MM = 3, 0.75
+# The edge is looked for so many places to either side of the boundary: a boundary that runs a millimetre beside it is
+# at the same edge.
+_BESIDE = 2
+_DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
 # Normals come from the voxels within this distance.
 _AROUND_MM = 3.0
 
@@ -44,8 +50,9 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     if not seen.any():
         return 0.0
     levels = levels[seen] if star.falls else -levels[seen]
-    falls = levels[:, :3].mean(axis=1) - levels[:, 3:].min(axis=1)
-    return float(np.maximum(np.tanh(falls / (STEP_SHARE * star.contrast)), 0.0).mean())
+    sides = sliding_window_view(levels, _SIDE, axis=1)
+    falls = sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)
+    return float(np.maximum(np.tanh(falls.max(axis=1) / (STEP_SHARE * star.contrast)), 0.0).mean())
 
 
 def agreement(first: Region, second: Region) -> float:

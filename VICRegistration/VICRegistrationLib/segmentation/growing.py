@@ -40,7 +40,7 @@ _CERTAIN_LEAK = 2.0
 # What is many times as large as that is no organ.
 _MOST_TIMES_SEEN = 6.0
 # A region of less than this share of what the rays from any seed span is a fragment of the organ.
-_FRAGMENT = 0.25
+FRAGMENT = 0.25
 
 
 def grown_region(image: Image, seeds, *, threshold=None, erosion=None, dilation=None, fill: bool = True) -> Region:
@@ -96,7 +96,7 @@ def _separated_by_default(image, edges, seeds, limits, dilation, *, most):
     """Erode as little as keeps the region within what the rays from the seeds span."""
     voxels = voxels_of(image, seeds)
     seen = edges.volume / image.voxel_volume
-    fragment = _FRAGMENT * edges.volumes.min() / image.voxel_volume
+    fragment = FRAGMENT * edges.volumes.min() / image.voxel_volume
     attempts = [
         (erosion, fragment, factor * seen) for factor in (LEAK_FACTOR, _CERTAIN_LEAK) for erosion in _EROSIONS_MM
     ]

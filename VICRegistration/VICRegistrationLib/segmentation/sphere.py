@@ -16,8 +16,6 @@ from scipy.spatial import cKDTree
 _WIDTHS, _ROUNDS, _SETTLED = (8, 4, 2, 1), (60, 40, 20, 10), 1e-2
 # Share of the last message that is kept: messages that run round in circles do not swing.
 _DAMPING = 0.2
-# Steeper slopes cost in proportion to the slope, no longer to its square.
-_STEEP = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
     slopes : ndarray, shape (m,)
         Slope of the surface between two neighbours whose radii are one sample apart.
     stiffness : float
-        Cost of a slope of 45 degrees between two neighbours. Slopes cost their square, and beyond 2 in proportion.
+        Cost of a slope of 45 degrees between two neighbours. Slopes cost their square.
     most : int
         Neighbours differ by at most so many radii.
 
@@ -116,7 +114,7 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
         coarse = _coarser(costs, width)
         messages = np.repeat(messages, -(-coarse.shape[1] // messages.shape[1]), axis=1)[:, : coarse.shape[1]]
         shifts = np.arange(1, max(-(-most // width), 2) + 1)
-        prices = _price(shifts * width * slopes[:, None], stiffness)
+        prices = (stiffness * (shifts * width * slopes[:, None]) ** 2).astype(np.float32)
         for _ in range(rounds):
             sums = (coarse + gather @ messages)[ball.first] - messages[ball.back]
             cheapest = _passed_on(sums, prices)
@@ -133,12 +131,6 @@ def _coarser(costs: np.ndarray, width: int) -> np.ndarray:
     missing = -costs.shape[1] % width
     padded = np.pad(costs, ((0, 0), (0, missing)), mode="edge")
     return padded.reshape(len(costs), -1, width).min(axis=2)
-
-
-def _price(slopes: np.ndarray, stiffness: float) -> np.ndarray:
-    """Cost of slopes."""
-    price = np.where(slopes > _STEEP, _STEEP * (2.0 * slopes - _STEEP), slopes**2)
-    return (stiffness * price).astype(np.float32)
 
 
 def _passed_on(sums: np.ndarray, prices: np.ndarray) -> np.ndarray:
