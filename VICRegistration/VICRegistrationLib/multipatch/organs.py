@@ -232,18 +232,18 @@ def _registered(organ: _Organ, placed: BSplineSurface, together: BSplineSurface)
     """Register an organ on the grey levels of all stacks that show it."""
     start = replace(organ.history[-1], surface=together)
     space = sampled(together, CLOSURE)
-    schedule, surface = organ.stacks.realigned(organ.schedule, together)
-    found = yield from last_step(replace(schedule.fine, name="own control points"), space.at(surface))
+    schedule = organ.stacks.realigned(organ.schedule, together)
+    found = yield from last_step(replace(schedule.fine, name="own control points"), space.at(together))
     if schedule.views:
-        schedule, surface = organ.stacks.realigned(schedule, found.surface)
+        schedule = organ.stacks.realigned(schedule, found.surface)
         again = replace(schedule.fine, name="own control points, motion found again")
-        found = yield from last_step(again, space.at(surface))
+        found = yield from last_step(again, space.at(found.surface))
     found, limited = yield from within_drift_limit(
         found, schedule, space, on_region=start, fallback=start, called="surface of the generic model"
     )
     cost = schedule.fine.cost_of(space.at(found.surface), placed)
     net = Choice("net", net_text(schedule.options.net), (Diagnostic("net_of_model"),))
-    return Outcome(schedule.options, (net, *organ.choices, *limited), cost, organ.stacks.uses(found.surface))
+    return Outcome(schedule.options, (net, *organ.choices, *limited), cost, organ.stacks.uses(schedule, found.surface))
 
 
 def _completed(image: Image, organ: _Organ, outcome: Outcome, *, start: float) -> Generator[Step, None, OrganFit]:

@@ -14,8 +14,9 @@ from ..imaging.region import Region
 from ..imaging.resampling import resampled
 from ..segmentation.separation import separate
 
-# Dice coefficient from which two stacks hold the same organ in what both of them show.
-_SAME_ORGAN = 0.8
+# Dice coefficient from which two stacks hold the same organ in what both of them show. The demo's vagina, 13 mm thick,
+# has 0.79 to 0.9 in slices of 4 mm.
+_SAME_ORGAN = 0.7
 # A region that grows by less than this share was not cut.
 _LEAST_GAIN = 0.01
 

@@ -229,15 +229,16 @@ class Correlation:
             less than elsewhere on the organ, it is up to `_STRONGEST_ANCHOR` times larger: a weak edge is easily
             mistaken for its neighbour. So it is where the volume ends: nothing else holds the surface there.
         others : sequence of Correlation
-            Of the same surface with further images. Each place counts as in the image that shows it best.
+            Of the same surface with further images. Each counts by its part of a line's weight, so that none holds the
+            surface where another one determines it.
         """
         q = np.zeros(self.surface.n_dof)
         frame = self.surface.frame(q)
         if self.virtual.adaptive and normal > 0.0:
             images = (self, *others)
-            factor = np.minimum.reduce([each.doubt() for each in images])
-            blur = np.minimum.reduce([each.virtual.blur(frame.normals) for each in images])
-            normal = normal * (factor / blur**2)[:, None, None]
+            shares = [each.share for each in images] if others else [1.0]
+            held = [each.doubt() / each.virtual.blur(frame.normals) ** 2 for each in images]
+            normal = normal * sum(share * each for share, each in zip(shares, held))[:, None, None]
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         outer = tangential * np.eye(3) + (normal - tangential) * along
         return self.surface.quadratic_form(frame.area[:, None, None] * outer)

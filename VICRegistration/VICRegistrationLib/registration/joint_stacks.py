@@ -15,13 +15,12 @@ from .alignment import (
     LARGEST_TURN_DEGREES,
     Alignment,
     align,
-    is_found,
     judged,
     known_lines,
-    refined,
     surroundings,
 )
 from .nets import halvings_to, sampled_net
+from .relative_motions import relative_motions
 from .sample_grid import SampledSurface
 from .schedule import Schedule, View
 from .stacks import Stack, StackUse, rotation_degrees
@@ -37,8 +36,8 @@ _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
 _LARGEST_DISAGREEMENT_MM, _LARGEST_DISAGREEMENT_PIXELS = 0.28, 0.45
 # Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
 _MOSTLY_KNOWN = 0.95
-# By which power of the size of its pixels a stack counts less than the first one.
-_PIXEL_POWER = 4.0
+# How often the edges of stacks are compared with each other at most, and at which displacement they are at rest, mm.
+_TURNS, _AT_REST_MM = 8, 0.05
 # No image is taken for clearer than this mean squared residual.
 _CLEAREST = 1.0 / 60.0
 
@@ -96,46 +95,50 @@ class JointStacks:
         # What a stack adds to a surface that the first one cuts, the next one is aligned with.
         groups = [range(len(self.stacks))] if together else [[number] for number in range(len(self.stacks))]
         for group in groups:
-            self._aligned(schedule, step.surface, group, search=True)
-            schedule = self._with_views(schedule)
+            self._aligned(schedule, step.surface, group)
+            schedule = self._compared(schedule, step.surface)
             if not any(self._used(number) for number in group):
                 continue
             name = "all stacks" if together else f"{len(schedule.views) + 1} stacks"
             stage = replace(schedule.coarse, name=f"grey levels, coarse, {name}")
             step = yield from last_step(stage, space.at(step.surface))
             self._fitted.update(group)
-        if not schedule.views:
-            return schedule, step
-        schedule, surface = self.realigned(schedule, step.surface)
-        return schedule, replace(step, surface=surface)
+        return schedule, step
 
     def beside(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
         """Align all stacks with a surface, and give those that show it to a schedule."""
         if not self.stacks:
             return schedule
-        self._aligned(schedule, surface, range(len(self.stacks)), search=True)
-        return self._with_views(schedule)
+        self._aligned(schedule, surface, range(len(self.stacks)))
+        return self._compared(schedule, surface)
 
-    def realigned(self, schedule: Schedule, surface: BSplineSurface) -> tuple[Schedule, BSplineSurface]:
-        """Align a surface that was fitted to all stacks with the first one, and the others with it.
-
-        Only the first stack determines where the surface lies, for the others move with it; and it counts little where
-        another one is sharper. Steps of the surface alone would take many turns to find that place.
-        """
-        if not schedule.views:
-            return schedule, surface
+    def realigned(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
+        """Find the motions of the stacks that are used again, near a surface that was fitted to all of them."""
         self._fitted.update(number for number in range(len(self.stacks)) if self._used(number))
-        placed = refined(schedule.sampler, surface, np.eye(4), known=known_lines(schedule.sampler, surface))
-        if is_found(placed):
-            surface = surface.transformed(placed.motion)
-        self._aligned(schedule, surface, range(len(self.stacks)), search=False)
-        return self._with_views(schedule), surface
+        return self._compared(schedule, surface)
+
+    def _compared(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
+        """Find the motions of the stacks that are used by each other's edges near a surface."""
+        for turn in range(_TURNS):
+            used = [number for number in range(len(self.stacks)) if self._used(number)]
+            if not used:
+                break
+            if turn == 0:
+                self._judge_own(schedule, surface)
+            found = [self._found[number] for number in used]
+            trusts = [1.0, *(trust_of(each, self._own) for each in found)]
+            motions, moved = relative_motions(surface, [self._own, *found], trusts)
+            for number, motion in zip(used, motions):
+                self._judge(schedule, surface, number, motion)
+            if moved < _AT_REST_MM:
+                break
+        return self._with_views(schedule)
 
     def settled(self, schedule: Schedule, found: Step) -> Generator[Step, None, tuple[Schedule, Step]]:
         """Align once more at the end, and fit the surface to it."""
         if not schedule.views:
             return schedule, found
-        schedule, surface = self.realigned(schedule, found.surface)
+        schedule, surface = self.realigned(schedule, found.surface), found.surface
         if not schedule.views:
             return schedule, found
         net, closure = schedule.options.net, schedule.options.closure
@@ -163,8 +166,13 @@ class JointStacks:
         self._reasons[worst] = Diagnostic("stack_shows_another_shape", {"apart_mm": apart})
         return True
 
-    def uses(self, surface: BSplineSurface) -> tuple[StackUse, ...]:
+    def uses(self, schedule: Schedule, surface: BSplineSurface) -> tuple[StackUse, ...]:
         """Say what became of each stack, by the surface in the end, in the frame of the fit."""
+        used = [number for number in range(len(self.stacks)) if self._used(number)]
+        if used:
+            self._judge_own(schedule, surface)
+        for number in used:
+            self._judge(schedule, surface, number, self._found[number].motion)
         center = self._center(surface)
         return tuple(
             StackUse(
@@ -190,19 +198,32 @@ class JointStacks:
         samplers = [schedule.sampler, *(self._found[other].view.sampler for other in others)]
         return np.maximum.reduce([known_lines(sampler, surface) for sampler in samplers])
 
-    def _aligned(self, schedule: Schedule, surface: BSplineSurface, numbers: Sequence[int], *, search: bool) -> None:
+    def _aligned(self, schedule: Schedule, surface: BSplineSurface, numbers: Sequence[int]) -> None:
         """Find where some of the stacks show a surface, and which ones do not."""
-        known = known_lines(schedule.sampler, surface)
-        self._own = judged(schedule.sampler, surface, np.eye(4), known=known)
         for number in numbers:
             if self._reasons[number] is not None:
                 continue
             stack, before = self.stacks[number], self._found[number]
             start = np.eye(4) if before is None else before.motion
             known = self._known(schedule, surface, number)
-            found = align(self._local(stack), surface, start, known=known, search=search)
+            found = align(self._local(stack), surface, start, known=known)
             self._found[number] = found
             self._reasons[number] = self._why_not(stack, found, surface)
+
+    def _judge_own(self, schedule: Schedule, surface: BSplineSurface) -> None:
+        """Measure what the first stack shows of a surface."""
+        known = known_lines(schedule.sampler, surface)
+        self._own = judged(schedule.sampler, surface, np.eye(4), known=known)
+
+    def _judge(self, schedule: Schedule, surface: BSplineSurface, number: int, motion: np.ndarray) -> None:
+        """Measure what a stack shows of a surface after a motion."""
+        stack, known = self.stacks[number], self._known(schedule, surface, number)
+        sampler = surroundings(self._local(stack), surface.transformed(motion), margin=LARGEST_SHIFT_MM)
+        found = self._found[number] = judged(sampler, surface, motion, known=known)
+        if found.view is None:
+            self._reasons[number] = Diagnostic("stack_shows_little", {"share": float(found.common)})
+        else:
+            self._reasons[number] = self._moved_far(stack, found, surface)
 
     def _local(self, stack: Stack) -> Image:
         """Take a stack to the frame of the fit."""
@@ -223,6 +244,10 @@ class JointStacks:
             return Diagnostic("stack_shows_little", {"share": float(found.common)})
         if found.edge < _LEAST_EDGE or found.cost > _LARGEST_COST_TO_START:
             return Diagnostic("stack_shows_no_edge", {"cost": float(found.cost)})
+        return self._moved_far(stack, found, surface)
+
+    def _moved_far(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
+        """Why a stack is farther away than a patient moves, or None."""
         motion, center = self._motion(stack, found), self._center(surface)
         away = float(np.linalg.norm(motion[:3, :3] @ center + motion[:3, 3] - center))
         turn = rotation_degrees(motion)
@@ -269,12 +294,10 @@ def with_stacks(
 
 
 def trusted(found: Alignment, own: Alignment) -> View:
-    """View of a stack that counts the less, the more it differs from an edge; `own` is that of the first image.
+    """View of a stack with its trust, see :func:`trust_of`."""
+    return replace(found.view, trust=trust_of(found, own))
 
-    And the coarser its pixels: a surface lies off its edge by a part of a pixel, however many of them there are. Where
-    pixels are three times as large, the demo's rectum is off by 0.15 mm with that stack and by 0.11 mm without it.
-    """
-    views = [each.view or found.view for each in (own, found)]
-    finest = [float(np.linalg.norm(view.voxel, axis=0).min()) for view in views]
-    noise = max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST)
-    return replace(found.view, trust=noise * (finest[0] / finest[1]) ** _PIXEL_POWER)
+
+def trust_of(found: Alignment, own: Alignment) -> float:
+    """How much a voxel of a stack counts: the less, the more it differs from an edge than the first image, `own`."""
+    return max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST)

@@ -279,7 +279,7 @@ def complete_region(
     start = yield from recorded(_started(model, schedule, "first stack alone, "), history, local_to_ras=frame)
     joint = JointStacks(stacks, frame)
     joint.beside(schedule, start.coarse.surface)
-    uses = joint.uses(start.coarse.surface)
+    uses = joint.uses(schedule, start.coarse.surface)
     stacks = tuple(use.stack if use.used else stack for use, stack in zip(uses, stacks))
     return completed_region(image, region, [(use.image, use.motion) for use in uses if use.used]), stacks
 
@@ -346,8 +346,6 @@ def _on_grey_levels(
     schedule, coarse = yield from stacks.joined(schedule, start.coarse, space)
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
     fine = yield from last_step(schedule.fine, space.at(coarse.surface))
-    schedule, surface = stacks.realigned(schedule, fine.surface)
-    fine = replace(fine, surface=surface)
     found, limited = yield from within_drift_limit(
         fine, schedule, space, on_region=on_region, fallback=scaled, called="scaled model"
     )
@@ -357,7 +355,7 @@ def _on_grey_levels(
     net = net_of(found.surface, options.closure)
     choices = (replace(chosen_net, value=net_text(net)), *choices, *limited, *more, *resort)
     cost = _cost_of_model(model, found.surface, schedule)
-    return Outcome(schedule.options.filled_in(net=net), choices, cost, stacks.uses(found.surface))
+    return Outcome(schedule.options.filled_in(net=net), choices, cost, stacks.uses(schedule, found.surface))
 
 
 def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Schedule) -> float:

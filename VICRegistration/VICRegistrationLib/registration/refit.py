@@ -93,7 +93,7 @@ def _kept(image: Image, surface: BSplineSurface, options: FitOptions, stacks: Jo
     schedule, choices = choose_beside(surface, Schedule.around(image, surface, options), options)
     schedule = stacks.beside(schedule, surface)
     cost = schedule.fine.cost_of(sampled(surface, options.closure), surface)
-    return Outcome(schedule.options, choices, cost, stacks.uses(surface))
+    return Outcome(schedule.options, choices, cost, stacks.uses(schedule, surface))
 
 
 def _fit_again(
@@ -114,7 +114,7 @@ def _fit_again(
     reached = surface
     if free.cost < (1.0 - _LARGEST_GAIN_AT_EDGE) * before:
         reached = (yield from last_step(schedule.chosen(anchor=ANCHOR).coarse, space)).surface
-    schedule, reached = stacks.realigned(schedule, reached)
+    schedule = stacks.realigned(schedule, reached)
     reached = (yield from last_step(schedule.fine, space.at(reached))).surface
     cost = schedule.fine.cost_of(space.at(reached), surface)
-    return Outcome(schedule.options, choices, cost, stacks.uses(reached))
+    return Outcome(schedule.options, choices, cost, stacks.uses(schedule, reached))

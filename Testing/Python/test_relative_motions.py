@@ -1,0 +1,72 @@
+"""Stacks are aligned with each other, whatever the surface between them was fitted to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from small_phantom import CENTER
+from stack_phantom import dented, motion_about, stack_of
+
+from VICRegistrationLib.registration.alignment import judged, surroundings
+from VICRegistrationLib.registration.joint_stacks import trust_of
+from VICRegistrationLib.registration.relative_motions import relative_motions
+from VICRegistrationLib.registration.stacks import rotation_degrees
+
+GRID = {"spacing": (0.8, 0.8, 4.0), "size": (84, 84, 17)}
+MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return dented()
+
+
+@pytest.fixture(scope="module")
+def sagittal(truth):
+    return stack_of(truth, "sagittal", **GRID)
+
+
+def aligned(images, surface, motions, *, turns=3):
+    """Motions of further images, found from others on."""
+    own = judged(surroundings(images[0], surface), surface, np.eye(4))
+    for _ in range(turns):
+        samplers = [surroundings(image, surface.transformed(motion)) for image, motion in zip(images[1:], motions)]
+        found = [judged(sampler, surface, motion) for sampler, motion in zip(samplers, motions)]
+        trusts = [1.0, *(trust_of(each, own) for each in found)]
+        motions, moved = relative_motions(surface, [own, *found], trusts)
+    return motions, moved
+
+
+def off(found, motion, surface):
+    """Mean distance between where two motions take a surface, mm."""
+    points = surface.control_net.reshape(-1, 3)
+    return np.linalg.norm(points @ (found - motion)[:3, :3].T + (found - motion)[:3, 3], axis=1).mean()
+
+
+def test_a_surface_that_lies_at_the_edge_of_the_further_stack_does_not_hold_its_motion(sagittal, truth):
+    # What a wrong motion has brought about: the surface lies where the axial stack is then, off the sagittal one.
+    axial = stack_of(truth, "axial", motion=MOTION, seed=2, **GRID)
+    wrong = motion_about(CENTER, (0.5, 0.4, -0.3), (0.8, -0.8, 0.8))
+    surface, start = truth.transformed(np.linalg.inv(wrong)), MOTION @ wrong
+    assert off(start, MOTION, surface) > 0.7
+    (found,), moved = aligned([sagittal, axial], surface, [start])
+    assert off(found, MOTION, surface) < 0.2
+    assert moved < 0.1
+
+
+def test_two_further_stacks_are_aligned_at_once(sagittal, truth):
+    other = motion_about(CENTER, (-1.0, 2.0, 0.5), (-1.0, 0.5, 1.0))
+    images = [
+        stack_of(truth, way, motion=motion, seed=3, **GRID) for way, motion in (("axial", MOTION), ("coronal", other))
+    ]
+    starts = [motion @ motion_about(CENTER, (0.4, -0.4, 0.3), (0.5, 0.5, -0.5)) for motion in (MOTION, other)]
+    found, _ = aligned([sagittal, *images], truth, starts)
+    assert [off(one, motion, truth) < 0.2 for one, motion in zip(found, (MOTION, other))] == [True, True]
+
+
+def test_an_organ_that_is_fuller_is_not_turned(sagittal, truth):
+    fuller = truth.with_control_net(CENTER + 1.04 * (truth.control_net - CENTER))
+    axial = stack_of(fuller, "axial", seed=2, **GRID)
+    (found,), _ = aligned([sagittal, axial], truth, [np.eye(4)])
+    # It is turned by 10 degrees and more where both edges are thought to be one.
+    assert rotation_degrees(found) < 2.0
