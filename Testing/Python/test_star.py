@@ -175,3 +175,15 @@ def test_the_right_boundary_has_more_support_than_a_fragment(ball):
     assert agreement(whole, whole) == 1.0
     assert agreement(whole, fragment) < 0.9
     assert dice(whole, truth) > 0.98
+
+
+def test_a_shape_passes_the_places_that_are_known_of_its_wall():
+    # Two sheets; the outer one is fainter, and costs more as the inner one was crossed.
+    radius = np.linalg.norm(places(), axis=0)
+    image = image_of(np.where(radius < 12.0, 150.0, np.where(radius < RADIUS, 90.0, 30.0)))
+    inner = find_star(image, np.zeros(3))
+    np.testing.assert_allclose(inner.lengths, 12.0, atol=1.0)
+    wall = RADIUS * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    outer = find_star(image, np.zeros(3), wall)
+    at_wall = (outer.directions @ wall.T / RADIUS).argmax(axis=0)
+    np.testing.assert_allclose(outer.lengths[at_wall], RADIUS, atol=1.0)

@@ -29,6 +29,10 @@ SENTENCES = {
         "have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} mm). Look at the "
         "contour; if it has, narrow the threshold or increase the erosion."
     ),
+    "start_contradicted": _(
+        "Boundary points lay up to {away_mm:.0f} mm from the surface that was fitted first. The organ was separated "
+        "again by its shape, through the points and without a threshold."
+    ),
     "starts_differ": _(
         "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml; "
         "the one whose border shows more of an edge was taken. Look at the contour."

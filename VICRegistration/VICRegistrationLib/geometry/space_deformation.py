@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 from scipy.spatial.distance import cdist
 
 from .parametrization import Parametrization
@@ -16,6 +18,10 @@ from .surface import BSplineSurface
 _STEEPEST = 2.11
 # Slope of the displacement in one step of a deformation: far from 1, where space folds.
 _STEP_SLOPE = 0.25
+# Points between which the wall would be steeper than this contradict each other. Nearer to each other than this, mm,
+# they are one: nobody clicks twice as exactly.
+_STEEPEST_WALL = 3.0
+_SAME = 0.1
 # Share of a displacement that a step leaves, so that places close together do not make the equations singular; with a
 # tenth of it the surface comes as near to the points.
 _LEFT = 1e-3
@@ -102,7 +108,7 @@ def deformed_through(closed: Parametrization, points: np.ndarray, radius: float)
     closed : Parametrization
         The surface, and how its control points may move.
     points : (n, 3) ndarray
-        At least one, in the surface's frame, mm; no two that contradict each other.
+        At least one, in the surface's frame, mm.
     radius : float
         How far around a point space is moved, mm.
 
@@ -114,7 +120,9 @@ def deformed_through(closed: Parametrization, points: np.ndarray, radius: float)
     Notes
     -----
     The deformation is made of small steps, each an interpolation of displacements from the places of the surface that
-    are nearest to the points now. A composition of maps that do not fold space does not fold it.
+    are nearest to the points now. Points that contradict each other now count by their mean: those of a lobe that is
+    missed have one nearest place before the surface has come into it. A composition of maps that do not fold space does
+    not fold it.
     """
     surface = closed.surface
     farthest = np.abs(closest_points(surface, points).distances).max()
@@ -124,8 +132,30 @@ def deformed_through(closed: Parametrization, points: np.ndarray, radius: float)
     return surface
 
 
+def agreeing(surface: BSplineSurface, points: np.ndarray) -> np.ndarray:
+    """Replace points that repeat or contradict each other by their mean.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+    points : (n, 3) ndarray
+        Beside the surface, in its frame, mm.
+
+    Returns
+    -------
+    (m, 3) ndarray
+        mm.
+    """
+    feet = closest_points(surface, points)
+    apart, rise = cdist(feet.points, feet.points), np.abs(np.subtract.outer(feet.distances, feet.distances))
+    joined = (rise > _STEEPEST_WALL * apart) | (apart < _SAME)
+    number, place = csgraph.connected_components(sparse.csr_matrix(joined), directed=False)
+    return np.stack([points[place == group].mean(axis=0) for group in range(number)])
+
+
 def _moved(closed: Parametrization, points: np.ndarray, radius: float, share: float) -> BSplineSurface:
     """Move a surface by a share of its way to the points."""
+    points = agreeing(closed.surface, points)
     feet = closest_points(closed.surface, points).points
     kernel = wendland(cdist(feet, feet), radius) + _LEFT * np.eye(len(feet))
     weights = np.linalg.solve(kernel, share * (points - feet))

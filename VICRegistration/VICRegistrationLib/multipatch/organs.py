@@ -248,5 +248,7 @@ def _registered(organ: _Organ, placed: BSplineSurface, together: BSplineSurface)
 
 def _completed(image: Image, organ: _Organ, outcome: Outcome, *, start: float) -> Generator[Step, None, OrganFit]:
     points = checked_boundary_points(None)
-    fit = yield from completed(image, organ.history, outcome, points, region=organ.region, start=start)
+    fit = yield from completed(
+        image, organ.history, outcome, points, asked=organ.asked, region=organ.region, start=start
+    )
     return fit if organ.whole is organ.region else replace(fit, whole_region=organ.whole)

@@ -12,17 +12,16 @@ A point is knowledge about the whole surface, not a dent in it. So
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.sparse import linalg as sparse_linalg
 from scipy.spatial.distance import cdist
 
 from ..geometry import bspline
 from ..geometry.projection import closest_points
-from ..geometry.space_deformation import deformed_through
+from ..geometry.space_deformation import agreeing, deformed_through
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
@@ -50,21 +49,18 @@ _SPAN = 0.55
 # Weight against leaving the surface before, away from the points, and the deformed one, at them; 1 is about that of a
 # sharp edge. With half and twice as much, points are met and other walls moved by no more than 0.1 mm differently.
 _HOLD = 1.0
-# How much stiffer than the fit the correction is, as the net is finer: with 5 to 100 points 6 mm apart make one bulge,
-# with 1 the wall ripples by 0.2 mm between them.
-_STIFFER = 5.0
+# Bending energies, from the stiffest to that with which the points are met. With the first, points 6 mm apart make one
+# bulge; with a fifth the wall ripples by 0.2 mm between them.
+_BENDING = (1e-3, 2e-4, 4e-5)
 # Radius around a point within which the deformed surface counts, in reaches.
 _NEAR = 0.7
 # Radius around a point in which the user's word counts and not the grey levels, in reaches; and how far off the point
 # lies, in widths of the ramp, where that begins: 63 % of them are left out then.
 _BLIND = 0.25
 _OPENING = 0.5
-# Points between which the wall would be steeper than this contradict each other. Nearer to each other than this, mm,
-# they are one: nobody clicks twice as exactly.
-_STEEPEST = 3.0
-_SAME = 0.1
-# Points nearer to the surface than this are met, mm.
-_MET = 0.01
+# Points nearer to the surface than the first, mm, ask for no correction; no point of weight 1 is left farther off than
+# the second where a softer surface comes nearer.
+_MET, _LEFT = 0.01, 0.5
 
 
 def correct(
@@ -101,9 +97,8 @@ def correct(
         points.
     """
     check_distances(points, closest_points(surface, points).distances)
-    points = _agreeing(surface, points)
-    distances = closest_points(surface, points).distances
-    farthest = float(np.abs(distances).max())
+    away = np.abs(closest_points(surface, points).distances)
+    farthest = float(away.max())
     if farthest < _MET:
         schedule = Schedule.around(image, surface, options, points=points)
         stage = with_stacks(schedule, surface, stacks, points=points).to_boundary_points
@@ -111,8 +106,8 @@ def correct(
         yield Step(stage.name, 1, cost, 0.0, surface, stage.stop_rule)
         return surface
     ball = ball_radius(surface.volume())
-    reach = np.maximum(_REACH_RADII * ball, _REACH_DISTANCES * np.abs(distances))
-    before = refined(surface, _SPAN * reach.min(), closure=options.closure)
+    nearest = max(_REACH_RADII * ball, _REACH_DISTANCES * float(away.min()))
+    before = refined(surface, _SPAN * nearest, closure=options.closure)
     radius = max(_RADII * ball, _DISTANCES * farthest)
     deformed = deformed_through(sampled(before, options.closure).parametrization, points, radius)
     if check_surface(deformed):
@@ -121,25 +116,27 @@ def correct(
             "from the surface. Check the points beside it, or separate the organ anew."
         )
         raise ValueError(msg)
+    points = agreeing(deformed, points)
+    distances = closest_points(surface, points).distances
+    reach = np.maximum(_REACH_RADII * ball, _REACH_DISTANCES * np.abs(distances))
     observed = _Observed(before, deformed, points, distances, reach, options)
     schedule = Schedule.around(image, deformed, options, points=points)
     stage = with_stacks(schedule, deformed, stacks, points=points).to_boundary_points
-    reached = yield from observed.fitted(stage)
-    if check_surface(reached):
+    kept = None
+    for bending in _BENDING:
+        last = yield from observed.fitted(replace(stage, bending=bending))
+        if check_surface(last.surface):
+            break
+        kept = last
+        if np.abs(closest_points(kept.surface, points).distances).max() * options.boundary_weight < _LEFT:
+            break
+    if kept is None:
         # What the image shows beside the points contradicts them.
         cost = stage.cost_of(sampled(deformed, options.closure), deformed)
-        yield Step("boundary points, deformation alone", 1, cost, 0.0, deformed, "displacement")
-        return deformed
-    return reached
-
-
-def _agreeing(surface: BSplineSurface, points: np.ndarray) -> np.ndarray:
-    """Points without those that repeat or contradict each other: they are replaced by their mean, (m, 3) mm."""
-    feet = closest_points(surface, points)
-    apart, rise = cdist(feet.points, feet.points), np.abs(np.subtract.outer(feet.distances, feet.distances))
-    joined = (rise > _STEEPEST * apart) | (apart < _SAME)
-    number, place = csgraph.connected_components(sparse.csr_matrix(joined), directed=False)
-    return np.stack([points[place == group].mean(axis=0) for group in range(number)])
+        kept = Step("boundary points, deformation alone", 1, cost, 0.0, deformed, "displacement")
+    if kept is not last:
+        yield kept
+    return kept.surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,19 +162,20 @@ class _Observed:
     reach: np.ndarray
     options: FitOptions
 
-    def fitted(self, stage: Stage) -> Generator[Step, None, BSplineSurface]:
-        """Run a stage on the grey levels from the deformed surface, step by step."""
+    def fitted(self, stage: Stage) -> Generator[Step, None, Step]:
+        """Run a stage on the grey levels from the deformed surface, step by step; returns the last one."""
         space = sampled(self.deformed, self.options.closure)
         width = stage.virtual.profile.width
         correlations = stage.correlations(space, share=self._seen(space, width))
         weights = self.options.boundary_weight * np.pi * self.reach**2 / (width**2 * self.before.area())
         stiffness, reference = self._with_points(space, weights, *self._hold(correlations, stage))
         objective = Objective(correlations, stiffness=stiffness, reference=reference)
-        reached, whole = self.deformed, Objective(stage.correlations(space))
+        step, whole = None, Objective(stage.correlations(space))
         for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
             reached = space.parametrization.deform(iterate.q)
-            yield Step(stage.name, iteration, whole.cost_of(reached), iterate.displacement, reached, stopped_by)
-        return reached
+            step = Step(stage.name, iteration, whole.cost_of(reached), iterate.displacement, reached, stopped_by)
+            yield step
+        return step
 
     def _nearness(self, space: SampledSurface, radii: np.ndarray, shares: np.ndarray | float = 1.0) -> np.ndarray:
         """How near each normal line of the deformed surface is to the points, on the same side of the organ, (n,).
@@ -205,7 +203,7 @@ class _Observed:
         back = np.einsum("nk,nk->n", space.grid.bases[0] @ self._way_back(), frame.normals)
         weight = _HOLD * frame.area / unit
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
-        energy = correlations[0].energies(bending=_STIFFER * stage.bending, sliding=stage.sliding, anchor=0.0)
+        energy = correlations[0].energies(bending=stage.bending, sliding=stage.sliding, anchor=0.0)
         energy = energy + space.quadratic_form(weight[:, None, None] * along)
         return energy, space.normal_motion(frame.normals).T @ (weight * (1.0 - near) * back)
 

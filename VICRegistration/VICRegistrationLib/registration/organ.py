@@ -7,7 +7,8 @@
    edge and the noise are measured, and the profile and the weights of the energies chosen by them.
 5. Again with *finer nets*, while they lower the cost by more than noise explains.
 6. *Refuse* a surface that has folded or gone too far: it is fitted again, held closer to the region.
-7. Last, *boundary points* pull it where a doctor knows better.
+7. Last, *boundary points* pull it where a doctor knows better. Where they lie so far off that the start has failed, the
+   organ is separated again through them, and fitted from there, before they pull.
 
 Everything but that happens in the frame of the organ's principal axes, so that the result depends neither on how the
 volume lies in the world nor on the order of its axes in memory.
@@ -43,6 +44,7 @@ from .finer_nets import first_net, fit_finer
 from .joint_stacks import JointStacks
 from .nets import halvings_to, net_of, net_text, sampled_net
 from .options import FitOptions
+from .restart import contradicted, explains, region_through
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
@@ -61,7 +63,8 @@ class OrganFit:
     surface : BSplineSurface
         RAS mm, outward normals.
     region : Region or None
-        The separated region it started from; None after :func:`.refit.refit` without one.
+        The separated region it started from; None after :func:`.refit.refit` without one. Where boundary points lie so
+        far off that the start has failed, the one through them.
     history : tuple of Step
         All iterations.
     converged : bool
@@ -78,7 +81,7 @@ class OrganFit:
     boundary_points : (n, 3) ndarray
         The points that pulled the surface, RAS mm; none without points or with weight 0.
     uncorrected : BSplineSurface
-        The surface before the boundary points pulled it: to start from when one of them is removed.
+        The surface before the boundary points were looked at: to start from when one of them is removed.
     choices : tuple of Choice
         What was chosen for the net, tau and the smoothness, and why.
     image : Image
@@ -223,7 +226,7 @@ def fit_region(
     ------
     ValueError
         If the volume is not given in mm, the region is too thin for a surface or does not lie on the image's grid, or a
-        boundary point is not finite or more than 30 mm away from the fitted surface.
+        boundary point is not finite, or more than 30 mm away from the fitted surface and from any shape through it.
     """
     start, image, options = time.perf_counter(), as_image(image), options or FitOptions()
     check_scale(image)
@@ -235,8 +238,9 @@ def fit_region(
     model, schedule, frame = _planned(image, whole, options)
     joint = JointStacks(stacks, frame)
     outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=frame)
-    fit = yield from completed(image, history, outcome, points, region=region, start=start)
-    return fit if whole is region else replace(fit, whole_region=whole)
+    fit = yield from completed(image, history, outcome, points, asked=options, region=region, start=start)
+    started_here = fit.region is region
+    return replace(fit, whole_region=whole) if started_here and whole is not region else fit
 
 
 def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSplineSurface, Schedule, np.ndarray]:
@@ -369,13 +373,15 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
 
 
 def recorded(
-    steps: Generator[Step, None, Outcome], history: list[Step], *, local_to_ras: np.ndarray | None = None
-) -> Generator[Step, None, Outcome]:
-    """Add all steps to a history, with their surfaces in RAS mm; returns what the steps return."""
+    steps: Generator[Step, None, _R], history: list[Step], *, local_to_ras: np.ndarray | None = None, prefix: str = ""
+) -> Generator[Step, None, _R]:
+    """Add all steps to a history, with their surfaces in RAS mm and a prefix; returns what the steps return."""
 
     def record(step: Step) -> Step:
         if local_to_ras is not None:
             step = replace(step, surface=step.surface.transformed(local_to_ras))
+        if prefix:
+            step = replace(step, stage=f"{prefix}{step.stage}")
         history.append(step)
         return step
 
@@ -417,6 +423,7 @@ def completed(
     outcome: Outcome,
     points: np.ndarray,
     *,
+    asked: FitOptions,
     region: Region | None,
     start: float,
     surface: BSplineSurface | None = None,
@@ -427,10 +434,12 @@ def completed(
     ----------
     image : Image
     history : list of Step
-        So far.
+        So far; gets the steps of a fit to another start.
     outcome : Outcome
     points : (n, 3) ndarray
         Boundary points, RAS mm.
+    asked : FitOptions
+        What the user asked for.
     region : Region or None
     start : float
         When the fit began, in seconds of :func:`time.perf_counter`.
@@ -445,14 +454,19 @@ def completed(
     -------
     OrganFit
     """
+    uncorrected = pulled = history[-1].surface if surface is None else surface
+    points, correction, whole_region = pulling(points, outcome.options), [], None
+    again = yield from _restarted(image, uncorrected, points, asked, outcome.stacks, history)
+    if again is not None:
+        pulled = again.surface
+        outcome = Outcome(again.options, again.choices, again.cost_initial, again.stacks)
+        region, whole_region = again.region, again.whole_region
     options, choices = outcome.options, outcome.choices
-    uncorrected = history[-1].surface if surface is None else surface
-    points, correction = pulling(points, options), []
     if len(points):
-        yield from recorded(correct(image, uncorrected, points, options, outcome.stacks), correction)
+        yield from recorded(correct(image, pulled, points, options, outcome.stacks), correction)
     steps = (*history, *correction)
     net = net_of(steps[-1].surface, options.closure)
-    if net != net_of(uncorrected, options.closure):
+    if net != net_of(pulled, options.closure):
         choices = tuple(_made_finer(choice, net) if choice.option == "net" else choice for choice in choices)
     return OrganFit(
         surface=steps[-1].surface,
@@ -468,7 +482,34 @@ def completed(
         choices=choices,
         image=image,
         stacks=outcome.stacks,
+        whole_region=whole_region,
     )
+
+
+def _restarted(
+    image: Image,
+    surface: BSplineSurface,
+    points: np.ndarray,
+    asked: FitOptions,
+    stacks: Sequence[StackUse],
+    history: list[Step],
+) -> Generator[Step, None, OrganFit | None]:
+    """Fit an organ again from a region through its boundary points, where these contradict the start.
+
+    Returns None where they do not, or where that fit does not explain them: then the image shows no such organ.
+    """
+    if not len(points) or not contradicted(surface, points):
+        return None
+    region = region_through(image, surface, points)
+    if region is None:
+        return None
+    further = [Stack(use.image, use.name, use.motion) for use in stacks]
+    try:
+        steps = fit_region(image, region, asked.filled_in(threshold=None), further=further)
+        fit = yield from recorded(steps, history, prefix="through the points, ")
+    except ValueError:
+        return None
+    return fit if explains(fit.surface, surface, points) else None
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:

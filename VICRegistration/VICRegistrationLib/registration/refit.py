@@ -39,20 +39,22 @@ def refit(
 
     Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
     already. With boundary points, they pull the surface in their surroundings, see
-    :mod:`.correction`, and everything else stays where it is: what earlier points did too. To take a point back, start
-    from `OrganFit.uncorrected` with those that are left.
+    :mod:`.correction`, and everything else stays where it is: what earlier points did too. Points more than 10 mm off
+    contradict the start, see :mod:`.restart`: if a shape through them is seen in the image, the organ is fitted to that
+    first. To take a point back, start from `OrganFit.uncorrected` with those that are left.
 
     Parameters
     ----------
     image : Image or path
         The grey levels.
     surface : BSplineSurface
-        A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options.
+        A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options; the options' net
+        is for another start.
     options : FitOptions, optional
     boundary_points : (n, 3) array_like, optional
         Where the wall is known to be, RAS mm.
     region : Region, optional
-        What the surface was fitted to before; it is only handed on.
+        What the surface was fitted to before; it is only handed on, if the organ is not separated again.
     further : sequence of Stack, Image or path
         More stacks of the patient. `StackUse.stack` begins with the motion that an earlier fit has found.
 
@@ -67,25 +69,27 @@ def refit(
     Raises
     ------
     ValueError
-        If the surface is no closed organ or lies outside of the volume, or a boundary point is not finite or more than
-        30 mm away from the surface.
+        If the surface is no closed organ or lies outside of the volume, or a boundary point is not finite, or more than
+        30 mm away from the surface and from any shape through it.
     """
     start, image = time.perf_counter(), as_image(image)
     points = checked_boundary_points(boundary_points)
     stacks = JointStacks(stacks_beside(image, further), np.eye(4))
     closure = closure_of(surface)
-    options = (options or FitOptions()).filled_in(closure=closure, net=net_of(surface, closure))
+    asked = (options or FitOptions()).filled_in(closure=closure)
+    options = asked.filled_in(net=net_of(surface, closure))
     if region is not None:
         options = options.filled_in(threshold=region.threshold)
     history: list[Step] = []
     if len(pulling(points, options)):
         outcome = _kept(image, surface, options, stacks)
-        return (yield from completed(image, history, outcome, points, region=region, start=start, surface=surface))
+        given = {"asked": asked, "region": region, "start": start, "surface": surface}
+        return (yield from completed(image, history, outcome, points, **given))
     while True:
         outcome = yield from recorded(_fit_again(image, surface, options, stacks), history)
         if not stacks.leave_out_contradicting():
             break
-    return (yield from completed(image, history, outcome, points, region=region, start=start))
+    return (yield from completed(image, history, outcome, points, asked=asked, region=region, start=start))
 
 
 def _kept(image: Image, surface: BSplineSurface, options: FitOptions, stacks: JointStacks) -> Outcome:

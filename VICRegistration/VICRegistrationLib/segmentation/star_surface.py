@@ -34,6 +34,8 @@ _SLOW, _NOISE = 0.06, 2.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1.
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.5
+# Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
+_MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
 # level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
 # and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the wall.
@@ -101,7 +103,7 @@ class Star:
         return (self.strengths > AN_EDGE) & ~self.cut
 
 
-def find_star(image: Image, seed: np.ndarray) -> Star:
+def find_star(image: Image, seed: np.ndarray, wall: np.ndarray | None = None) -> Star:
     """Find the star-shaped surface of least cost around a place.
 
     Parameters
@@ -109,6 +111,8 @@ def find_star(image: Image, seed: np.ndarray) -> Star:
     image : Image
     seed : (3,) ndarray
         RAS mm, in the volume.
+    wall : (n, 3) ndarray, optional
+        Places that the surface has to pass, RAS mm.
 
     Returns
     -------
@@ -120,12 +124,10 @@ def find_star(image: Image, seed: np.ndarray) -> Star:
     raises it: sharp changes, and any rise (of an organ brighter than its wall; a fall of another). Whether the level
     falls or rises at an organ's edge is what costs less. A last look at more directions follows details.
     """
-    sampler = Sampler(_around(image, seed))
-    axes = image.ijk_to_ras[:3, :3] / image.spacing
-    looks = [_again(image, sampler, axes, _look(sampler, axes, seed, sign), _FIRST_LOOKS - 1) for sign in (1.0, -1.0)]
+    search = _Search(image, seed, np.empty((0, 3)) if wall is None else wall)
+    looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
     better = min(looks, key=lambda star: star.cost)
-    star = _again(image, sampler, axes, better, _LOOKS - _FIRST_LOOKS)
-    star = _look_closely(sampler, axes, star)
+    star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     return replace(star, inner=star.inner + level, outer=star.outer + level)
 
@@ -166,38 +168,46 @@ def _around(image: Image, seed: np.ndarray) -> Image:
     return Image(blurred(Image(levels, crop.ijk_to_ras)), crop.ijk_to_ras)
 
 
-def _again(image: Image, sampler: Sampler, axes: np.ndarray, star: Star, most: int) -> Star:
-    """Look again from the middle of what was seen until it moves no more, so often at most."""
-    for _ in range(most):
-        center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
-        if np.linalg.norm(center - star.center) < _SETTLED_MM:
-            break
-        star = _look(sampler, axes, center, 1.0 if star.falls else -1.0)
-    return star
+class _Search:
+    """Looks for a surface around places in an image, through places of the wall (n, 3) that are known."""
 
+    def __init__(self, image: Image, seed: np.ndarray, wall: np.ndarray):
+        self.image, self.wall = image, wall
+        self.sampler = Sampler(_around(image, seed))
+        self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
-def _look(sampler: Sampler, axes: np.ndarray, center: np.ndarray, sign: float) -> Star:
-    """Look once, from a place, at all radii."""
-    radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
-    rays = _Rays.seen(sampler, center, sphere().directions @ axes.T, np.tile(radii, (len(sphere().directions), 1)))
-    costs, strengths = rays.costs(sign)
-    return rays.star(sign, _chosen(costs, radii), costs, strengths)
+    def look(self, center: np.ndarray, *, falls: bool) -> Star:
+        """Look once, from a place, at all radii."""
+        radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
+        directions = sphere().directions @ self.axes.T
+        rays = _Rays.seen(self.sampler, center, directions, np.tile(radii, (len(directions), 1)))
+        costs, strengths = rays.costs(falls, self.wall)
+        return rays.star(falls, _chosen(costs, radii), costs, strengths)
 
+    def again(self, star: Star, most: int) -> Star:
+        """Look again from the middle of what was seen until it moves no more, so often at most."""
+        image = self.image
+        for _ in range(most):
+            center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
+            if np.linalg.norm(center - star.center) < _SETTLED_MM:
+                break
+            star = self.look(center, falls=star.falls)
+        return star
 
-def _look_closely(sampler: Sampler, axes: np.ndarray, star: Star) -> Star:
-    """Look at more directions, near a surface that was found."""
-    ball, sign = sphere(_FINE), 1.0 if star.falls else -1.0
-    directions = ball.directions @ axes.T
-    # Before they are turned: many are as near as others, and the last digit of the turn would choose among them.
-    lengths = between(sphere().directions, star.lengths, ball.directions)
-    inner = int(np.ceil(lengths.max() / _STEP_MM))
-    steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
-    rays = _Rays.seen(sampler, star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
-    costs, strengths = rays.costs(sign)
-    near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
-    slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
-    places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
-    return rays.star(sign, places, costs, strengths)
+    def closely(self, star: Star) -> Star:
+        """Look at more directions, near a surface that was found."""
+        ball = sphere(_FINE)
+        directions = ball.directions @ self.axes.T
+        # Before they are turned: many are as near as others, and the last digit of the turn would choose among them.
+        lengths = between(sphere().directions, star.lengths, ball.directions)
+        inner = int(np.ceil(lengths.max() / _STEP_MM))
+        steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
+        rays = _Rays.seen(self.sampler, star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
+        costs, strengths = rays.costs(star.falls, self.wall)
+        near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
+        slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
+        places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
+        return rays.star(star.falls, places, costs, strengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,18 +232,31 @@ class _Rays:
         """Unit of the steps."""
         return contrast_of(self.levels, self.valid, self.radii)
 
-    def costs(self, sign: float) -> tuple[np.ndarray, np.ndarray]:
-        """Cost of every sample, and how much of an edge there is; the level falls at it (sign 1) or rises (-1)."""
-        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast)
-        crossed = crossed + _RISEN * _risen(sign * self.levels, self.contrast)
-        strengths = _strengths(sign * self.levels, self.contrast)
+    def costs(self, falls: bool, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cost of every sample, and how much of an edge there is, where the level falls or rises."""
+        levels = self.levels if falls else -self.levels
+        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast) + _RISEN * _risen(levels, self.contrast)
+        strengths = _strengths(levels, self.contrast)
         last = np.maximum(self.valid.sum(axis=1) - 1, 0)[:, None]
         end = np.take_along_axis(crossed, last, axis=1) - _END
-        return np.where(self.valid, crossed - strengths, end), strengths
+        return np.where(self.valid, crossed - strengths, end) + self._missed(wall), strengths
 
-    def star(self, sign: float, places: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
+    def _missed(self, wall: np.ndarray) -> np.ndarray:
+        """Cost of missing known places of the wall: that of every sample of the rays next to them, (n, m)."""
+        away = wall - self.center
+        distances = np.linalg.norm(away, axis=1)
+        alike = self.directions @ (away / distances[:, None]).T
+        cost, rays = np.zeros_like(self.levels), alike.argmax(axis=0)
+        for ray in np.unique(rays):
+            of_ray = rays == ray
+            aside = distances[of_ray] * np.sqrt(np.maximum(1.0 - alike[ray, of_ray] ** 2, 0.0))
+            missed = np.abs(self.radii[ray, :, None] - distances[of_ray]) > _STEP_MM + _BESIDE * aside
+            cost[ray] = _MISSED * missed.all(axis=1)
+        return cost
+
+    def star(self, falls: bool, places: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
         """Make a star of the sample that was chosen on each ray."""
-        rays, levels = np.arange(len(places)), self.levels
+        rays, levels, sign = np.arange(len(places)), self.levels, 1.0 if falls else -1.0
         depths = np.minimum(places[:, None] + np.arange(_DEPTH), levels.shape[1] - 1)
         return Star(
             center=self.center,
@@ -244,7 +267,7 @@ class _Rays:
             inner=_means(levels, *_BEFORE)[rays, places],
             outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
             contrast=self.contrast,
-            falls=sign > 0.0,
+            falls=falls,
             cost=float(costs[rays, places].mean()),
         )
 

@@ -1,0 +1,68 @@
+"""Boundary points that a failed start contradicts: the organ is separated again through them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from boundaries import off
+from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
+
+from VICRegistrationLib.analysis.distances import deviation, points_on
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.registration.boundary import boundary_deviations
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.refit import refit
+
+
+@pytest.fixture(scope="module")
+def image():
+    return ellipsoid_image()
+
+
+@pytest.fixture(scope="module")
+def fit(image):
+    return finish(fit_organ(image, np.array([[float(x) for x in SEED.split(",")]]), FitOptions(net=(9, 7))))
+
+
+def through(image, surface, points, **options):
+    """Correct a surface, and return the fit and whether the organ was separated again."""
+    found = finish(refit(image, surface, FitOptions(**options), boundary_points=points))
+    codes = [] if found.region is None else [diagnostic.code for diagnostic in found.region.diagnostics]
+    return found, "start_contradicted" in codes
+
+
+def test_one_point_is_enough_where_a_fragment_was_fitted(image, fit):
+    matrix = np.diag([0.15, 0.15, 0.15, 1.0])
+    matrix[:3, 3] = CENTER + [0.0, 0.0, -16.0] - matrix[:3, :3] @ CENTER
+    fragment = fit.surface.transformed(matrix)
+    wall = points_on(ellipsoid(), 400)
+    away = np.abs(closest_points(fragment, wall).distances)
+    # Farther than any point by which a surface alone is corrected.
+    assert away.max() > 30.0
+    found, again = through(image, fragment, wall[away.argmax()][None], threshold=(790.0, 830.0))
+    assert again
+    assert found.problems == ()
+    assert deviation(found.surface, ellipsoid(), n_points=500).mean < 0.3
+    assert np.abs(boundary_deviations(found.surface, found.boundary_points)).max() < 0.5
+    # The threshold that the point contradicts is not used again, and the point can still be removed.
+    assert found.options.threshold[0] < 700.0
+    np.testing.assert_array_equal(found.uncorrected.control_net, fragment.control_net)
+    stages = [step.stage for step in found.history]
+    assert stages[0] == "through the points, global scaling"
+    assert stages[-1] == "boundary points"
+
+
+def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):
+    point = off(fit.surface, [(0.3, 0.45)], [12.0])
+    found, again = through(image, fit.surface, point)
+    assert not again
+    assert found.problems == ()
+    assert abs(boundary_deviations(found.surface, point)[0]) < 0.3
+
+
+def test_a_surface_that_is_like_the_one_before_away_from_the_points_is_needed(pelvis):
+    # Nearer to the point because both ends of the bent organ are cut.
+    rectum = finish(fit_organ(pelvis.image, pelvis.seeds["rectum"]))
+    _, again = through(pelvis.image, rectum.surface, off(rectum.surface, [(0.61, 0.2)], [-12.0]))
+    assert not again
