@@ -111,6 +111,10 @@ def test_a_dim_patch_under_the_click_is_not_the_organ(ball):
     patch = np.exp(-((k - 3.0) ** 2 + j**2 + (i + 6.0) ** 2) / (2.0 * 5.0**2))
     dimmed = Image(image.array - 70.0 * patch * truth, image.ijk_to_ras)
     region = separate(dimmed, [-6.0, 0.0, 3.0])
+    (differ,) = region.diagnostics
+    assert differ.code == "starts_differ"
+    assert differ.values["taken_ml"] == differ.values["shaped_ml"] == pytest.approx(region.volume_ml)
+    assert f"that of {region.volume_ml:.1f} ml was taken" in differ.sentence()
     assert dice(region, truth) > 0.97
 
 

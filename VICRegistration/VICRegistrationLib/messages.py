@@ -35,7 +35,7 @@ SENTENCES = {
     ),
     "starts_differ": _(
         "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml; "
-        "the one whose border shows more of an edge was taken. Look at the contour."
+        "that of {taken_ml:.1f} ml was taken, because the image supports it better. Look at the contour."
     ),
     # Why a surface is no valid solid.
     "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),

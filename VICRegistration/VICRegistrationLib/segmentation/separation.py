@@ -118,7 +118,8 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
     better = shaped if leaked or supports[1] > supports[0] + _MORE_SUPPORT else grown
     if agreement(grown, shaped) >= _SAME_ORGAN:
         return better
-    values = {"grown_ml": float(grown.volume_ml), "shaped_ml": float(shaped.volume_ml)}
+    sizes = {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better}
+    values = {name: float(region.volume_ml) for name, region in sizes.items()}
     return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
 
 
