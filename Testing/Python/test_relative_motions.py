@@ -70,3 +70,17 @@ def test_an_organ_that_is_fuller_is_not_turned(sagittal, truth):
     (found,), _ = aligned([sagittal, axial], truth, [np.eye(4)])
     # It is turned by 10 degrees and more where both edges are thought to be one.
     assert rotation_degrees(found) < 2.0
+
+
+def test_stacks_disagree_by_what_one_of_them_shows_larger(sagittal, truth):
+    fuller = truth.with_control_net(CENTER + 1.04 * (truth.control_net - CENTER))
+    own = judged(surroundings(sagittal, truth), truth, np.eye(4))
+    same, other = (
+        judged(surroundings(stack_of(shape, "axial", seed=2, **GRID), truth), truth, np.eye(4))
+        for shape in (truth, fuller)
+    )
+    thicker = 0.04 * 3.0 * truth.volume() / truth.area()
+    assert other.disagreement(own)[1] == pytest.approx(thicker, rel=0.15)
+    assert own.disagreement(other)[1] == pytest.approx(-thicker, rel=0.15)
+    assert other.disagreement(own)[0] == pytest.approx(thicker, rel=0.25)
+    assert np.abs(same.disagreement(own)) == pytest.approx([0.0, 0.0], abs=0.15)

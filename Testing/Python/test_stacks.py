@@ -90,6 +90,18 @@ def test_a_stack_with_another_filling_is_left_out(sagittal, truth, alone):
     assert np.array_equal(found.surface.control_net, alone.surface.control_net)
 
 
+def test_a_slender_organ_is_told_from_one_that_is_fuller_however_few_lines_are_sharp_in_both_stacks(truth):
+    slender = truth.with_control_net(CENTER + np.array([0.6, 0.6, 1.2]) * (truth.control_net - CENTER))
+    larger = slender.with_control_net(CENTER + 1.04 * (slender.control_net - CENTER))
+    first = stack_of(slender, "sagittal", **GRID)
+    given = [("coronal", slender), ("coronal", larger), ("axial", larger)]
+    used = []
+    for direction, surface in given:
+        (stack,) = vic.fit(first, SEEDS, further=[stack_of(surface, direction, motion=MOTION, seed=2, **GRID)]).stacks
+        used.append(stack.used or stack.reason.code)
+    assert used == [True, "stack_shows_another_shape", "stack_shows_another_shape"]
+
+
 @pytest.mark.parametrize("kind", ["noise", "constant", "elsewhere"])
 def test_a_stack_without_the_organ_is_left_out(sagittal, axial, alone, kind):
     grain = np.random.default_rng(5).normal(0.0, 100.0, axial.array.shape)

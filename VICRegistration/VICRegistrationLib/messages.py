@@ -139,8 +139,8 @@ SENTENCES = {
         "another organ, or no contrast."
     ),
     "stack_shows_another_shape": _(
-        "The edges in this stack are {apart_mm:.1f} mm beside the surface where both stacks are sharp, wherever it is "
-        "moved: another filling of the organ, which no motion explains."
+        "The edges in this stack are {apart_mm:.1f} mm beside those of the first one, wherever it is moved: another "
+        "filling of the organ, which no motion explains."
     ),
     "stack_moved_far": _(
         "The organ was found {shift_mm:.0f} mm and {turn_degrees:.0f} degrees away in this stack, farther than a "

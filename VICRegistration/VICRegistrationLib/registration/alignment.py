@@ -7,7 +7,7 @@ surroundings are searched for the place where the grey levels on both sides of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -39,10 +39,6 @@ HOLD = 2e-5
 _TOLERANCE = 0.02
 # How far from where a volume ends a surface that closes there is not the organ's, mm: half of it and one and a half.
 _BORDER_MM = 6.0
-# Share of the surface that two stacks have to show sharply before a difference between them counts whole: what is less
-# is known from lines on which one of them is blurred. The demo's rectum and vagina have 0.7 and 1 % in a sagittal and a
-# coronal stack, 9 and 14 % in a sagittal and an axial one. Half of it and twice as much leave out the same stacks.
-_COMMON = 0.005
 # Distance between the places that are searched, mm, and how many of the best are tried.
 _SEARCH_STEP_MM = 3.0
 _TRIED = 3
@@ -66,8 +62,10 @@ class Alignment:
         Mean squared residual there, in units of the squared contrast.
     offsets : (n,) ndarray
         How far the stack's edge is from the surface on each of its normal lines, to first order, mm.
-    sharpness : (n,) ndarray
-        How sharply each of them shows it, times its area: 0 outside of the stack and without an edge.
+    weights : (n,) ndarray
+        How much of an edge each of them shows, times its area: 0 outside of the stack and without an edge.
+    blur : (n,) ndarray
+        Length of a voxel along each of them, in units of its shortest edge.
     """
 
     motion: np.ndarray
@@ -77,21 +75,40 @@ class Alignment:
     edge: float
     cost: float
     offsets: np.ndarray
-    sharpness: np.ndarray
+    weights: np.ndarray
+    blur: np.ndarray
 
-    def disagreement(self, other: Alignment) -> float:
-        """How far the edges of two stacks are from each other where both show them sharply, root mean square, mm."""
-        weight = self.sharpness * other.sharpness
+    @property
+    def sharpness(self) -> np.ndarray:
+        """How sharply each normal line shows the edge, (n,): a voxel that is longer along it knows its place less."""
+        return self.weights / self.blur**2
+
+    def at(self, motion: np.ndarray) -> Alignment:
+        """Move the view by a motion, (4, 4), that hardly differs: nothing is measured again."""
+        return replace(self, motion=motion, view=self.view.moved(np.linalg.inv(motion) @ self.motion))
+
+    def disagreement(self, other: Alignment) -> tuple[float, float]:
+        """How far the edges of two stacks are from each other where both show them.
+
+        Returns
+        -------
+        apart : float
+            Root mean square, mm.
+        wider : float
+            Mean, mm: positive where this stack shows a larger organ.
+        """
+        # With less weight on lines that are blurred, few are left.
+        weight = self.weights * other.weights
         total = float(weight.sum())
         if not total > 0.0:
-            return 0.0
+            return 0.0, 0.0
         # Noise is another one on every line, a difference in shape is not.
         above, below = (
             ndimage.gaussian_filter(part.reshape(SAMPLES), 1.0, mode=("wrap", "nearest")).ravel()
             for part in (weight * (self.offsets - other.offsets), weight)
         )
         apart = weight @ (above / np.maximum(below, 1e-12 * total)) ** 2
-        return float(np.sqrt(apart / (total + _COMMON / len(weight))))
+        return float(np.sqrt(apart / total)), float(weight @ (self.offsets - other.offsets) / total)
 
 
 def align(
@@ -219,7 +236,7 @@ def judged(
     tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
     stage = _stage(sampler, moved, tau)
     if stage is None:
-        return Alignment(motion, None, 0.0, 0.0, 0.0, np.inf, *np.zeros((2, np.prod(SAMPLES))))
+        return Alignment(motion, None, 0.0, 0.0, 0.0, np.inf, *np.zeros((3, np.prod(SAMPLES))))
     space = SampledSurface(rigid(moved, np.zeros(3)), _grid(surface))
     correlation = stage.correlation(space, share=known)
     samples = correlation.sample(np.zeros(6))
@@ -238,9 +255,11 @@ def judged(
     cost = samples.cost / weight if weight > 0.0 else np.inf
     along = np.einsum("nmk,nk->nm", samples.gradients, samples.frame.normals)
     offsets = -np.mean(along * samples.residuals, axis=1) / np.maximum(np.mean(along**2, axis=1), 1e-12)
-    sharpness = samples.weights.sum(axis=1) / stage.virtual.blur(samples.frame.normals) ** 2
+    blur = stage.virtual.blur(samples.frame.normals)
     edge = weight / common if common > 0.0 else 0.0
-    return Alignment(motion, view, float(area @ inside), common, edge, float(cost), offsets, sharpness)
+    return Alignment(
+        motion, view, float(area @ inside), common, edge, float(cost), offsets, samples.weights.sum(axis=1), blur
+    )
 
 
 def _searched(sampler: Sampler, surface: BSplineSurface) -> list[np.ndarray]:

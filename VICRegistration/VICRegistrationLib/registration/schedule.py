@@ -67,6 +67,12 @@ class View:
     tau: float
     trust: float = 1.0
 
+    def moved(self, motion: np.ndarray) -> View:
+        """Take the image to another place by a rigid motion, (4, 4)."""
+        image = self.sampler.image
+        moved = Sampler(Image(image.array, motion @ image.ijk_to_ras))
+        return replace(self, sampler=moved, voxel=motion[:3, :3] @ self.voxel)
+
     def seen(self, surface: BSplineSurface) -> float:
         """Share of a surface's area that lies in the image."""
         u, v = surface.midpoints(*_SEEN_AT)
