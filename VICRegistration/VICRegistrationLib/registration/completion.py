@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import ConvexHull, Delaunay
 
 from ..imaging.image import Image, beginning_at
 from ..imaging.region import Region
@@ -57,7 +58,7 @@ def completed_region(image: Image, region: Region, stacks: Sequence[tuple[Image,
     first = np.asarray(region.offset) + start
     inside = np.zeros(size, dtype=bool)
     inside[tuple(slice(max(-low, 0), max(top - low, 0)) for low, top in zip(first, image.array.shape))] = True
-    added = np.zeros(size, dtype=bool)
+    added, unseen = np.zeros(size, dtype=bool), ~inside
     for part in parts:
         found = resampled(part.mask, matrix, size[::-1]).array >= 0.5
         seen = _lies_in(part.stack, matrix, size)
@@ -65,11 +66,13 @@ def completed_region(image: Image, region: Region, stacks: Sequence[tuple[Image,
         both = np.count_nonzero(own & common) + np.count_nonzero(found & common)
         if both and 2.0 * np.count_nonzero(own & found & common) >= _SAME_ORGAN * both:
             added |= found & ~inside
+            unseen &= ~seen
     whole, count = ndimage.label(own | added)
     if count:
         whole = whole == whole[own][0]
     if np.count_nonzero(whole) < (1.0 + _LEAST_GAIN) * np.count_nonzero(own):
         return region
+    whole = whole | _bridged(whole, unseen)
     faces = _still_cut(region, whole & ~inside, first, image)
     return replace(region, mask=whole, offset=tuple(first.tolist()), ijk_to_ras=matrix, touches_border=faces)
 
@@ -103,6 +106,20 @@ def _grid(region: Region, masks: Sequence[Image]) -> tuple[np.ndarray, np.ndarra
         highs.append(np.ceil(ijk.max(axis=0)).astype(int) + 1)
     start = np.min(lows, axis=0)
     return start, np.max(highs, axis=0) - start
+
+
+def _bridged(whole: np.ndarray, unseen: np.ndarray) -> np.ndarray:
+    """Voxels that no stack shows, in the convex hull of the rest of an organ, (k, j, i) of bool.
+
+    Where stacks end at different places, the region has steps that the organ has not.
+    """
+    rim = np.argwhere(whole & ~ndimage.binary_erosion(whole))
+    places = np.argwhere(unseen & ~whole)
+    bridged = np.zeros_like(whole)
+    if len(places):
+        hull = Delaunay(rim[ConvexHull(rim).vertices])
+        bridged[tuple(places[hull.find_simplex(places) >= 0].T)] = True
+    return bridged
 
 
 def _lies_in(image: Image, matrix: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -280,7 +280,8 @@ def alarm(organ: ReportedOrgan) -> str:
     parts = [] if organ.verdict in ("", "good") else [organ.verdict]
     parts += [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
-    parts += ["reaches the border of the image"] if fit.region is not None and fit.region.touches_border else []
+    whole = fit.whole_region or fit.region
+    parts += ["reaches the border of the image"] if whole is not None and whole.touches_border else []
     parts += [f"{count} warning{'s' if count > 1 else ''} in the report"] if count else []
     return "   \u00b7   ".join(parts)
 
