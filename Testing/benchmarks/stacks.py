@@ -102,9 +102,10 @@ def hard_stacks(patient: Patient) -> Iterator[tuple[str, Image]]:
     far = image.ijk_to_ras.copy()
     far[2, 3] += 30.0
     yield "moved by 30 mm", Image(image.array, far)
-    surfaces = {name: _swollen(surface, 1.05) for name, surface in patient.first.surfaces.items()}
-    other = {"direction": "axial", "size": (384, 384), "n_slices": 44, "surfaces": surfaces}
-    yield "organs 5 % larger", pelvis_phantom(seed=77, **other).image
+    for percent in (3, 5):
+        swollen = {name: _swollen(surface, 1.0 + percent / 100.0) for name, surface in patient.first.surfaces.items()}
+        other = {"direction": "axial", "size": (384, 384), "n_slices": 44, "surfaces": swollen}
+        yield f"organs {percent} % larger", pelvis_phantom(seed=77, **other).image
 
 
 def _swollen(surface, factor: float):
