@@ -61,6 +61,14 @@ def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):
     assert abs(boundary_deviations(found.surface, point)[0]) < 0.3
 
 
+def test_another_organ_is_not_meant(pelvis):
+    # The star-shaped surface through a point of the bladder's wall is the bladder, which holds nothing of the vagina.
+    vagina = finish(fit_organ(pelvis.image, pelvis.seeds["vagina"]))
+    point = off(vagina.surface, [(0.0, 0.5)], [35.0])
+    with pytest.raises(ValueError, match="Boundary point 1 .* is 35 mm from the surface"):
+        through(pelvis.image, vagina.surface, point)
+
+
 def test_a_surface_that_is_like_the_one_before_away_from_the_points_is_needed(pelvis):
     # Nearer to the point because both ends of the bent organ are cut.
     rectum = finish(fit_organ(pelvis.image, pelvis.seeds["rectum"]))
