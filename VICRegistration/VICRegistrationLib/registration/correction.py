@@ -125,7 +125,12 @@ def correct(
     observed = _Observed(before, deformed, points, distances, reach, options)
     schedule = Schedule.around(image, deformed, options, points=points)
     stage = with_stacks(schedule, deformed, stacks, points=points).to_boundary_points
-    kept = None
+    return (yield from _fitted_to(points, observed, stage))
+
+
+def _fitted_to(points: np.ndarray, observed: _Observed, stage: Stage) -> Generator[Step, None, BSplineSurface]:
+    """Run a stage, softer and softer, until it meets the points; the last surface without folds."""
+    deformed, options, kept = observed.deformed, observed.options, None
     for bending in _BENDING:
         last = yield from observed.fitted(replace(stage, bending=bending))
         if check_surface(last.surface):
