@@ -22,7 +22,7 @@ from VICRegistrationLib.imaging.region import Region, region_from_mask
 from VICRegistrationLib.multipatch.fit import fit_model
 from VICRegistrationLib.multipatch.model import MultiPatchModel
 from VICRegistrationLib.multipatch.pelvis import pelvis
-from VICRegistrationLib.phantoms.organs import pelvic_organs
+from VICRegistrationLib.phantoms.organs import pelvic_organs, seeds_inside
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import finish, fit_region
@@ -228,14 +228,15 @@ def _real() -> list[list[str]]:
     if not REAL.is_dir():
         return [*rows, ["Skipped: there is no folder ../shared/data", *[""] * 6]]
     case = real_case()
-    found = finish(fit_model(case.image, pelvis(), case.regions))
-    for name, fit in found.organs.items():
-        off = deviation(fit.surface, case.truth[name], n_points=N_POINTS)
-        alone = deviation(
-            finish(fit_region(case.image, case.regions[name])).surface, case.truth[name], n_points=N_POINTS
-        )
-        volume = fit.surface.volume()
-        more = 100.0 * (volume / case.truth[name].volume() - 1.0)
-        numbers = [f"{off.mean:.2f}", f"{off.p95:.2f}", f"{volume / 1000.0:.1f}", f"{more:+.1f}", f"{alone.mean:.2f}"]
-        rows.append([name, *numbers, f"{found.smallest_determinant[0]:.2f}"])
+    separated = {name: separate(case.image, seeds_inside(surface)) for name, surface in case.truth.items()}
+    for regions, how in ((case.regions, ""), (separated, ", by seeds")):
+        found = finish(fit_model(case.image, pelvis(), regions))
+        for name, fit in found.organs.items():
+            truth = case.truth[name]
+            off = deviation(fit.surface, truth, n_points=N_POINTS)
+            alone = deviation(finish(fit_region(case.image, regions[name])).surface, truth, n_points=N_POINTS)
+            volume = fit.surface.volume()
+            more = 100.0 * (volume / truth.volume() - 1.0)
+            numbers = [f"{off.mean:.2f}", f"{off.p95:.2f}", f"{volume / 1000.0:.1f}", f"{more:+.1f}"]
+            rows.append([f"{name}{how}", *numbers, f"{alone.mean:.2f}", f"{found.smallest_determinant[0]:.2f}"])
     return rows

@@ -15,9 +15,9 @@ _SAMPLES = (14, 10)
 # Nuggets: by how much, mm^2, a sample may be off the map, which itself bends by 1 mm^2 for each mm of distance. Along
 # the normal, within the surface, and of landmarks, which are placed to 2 mm. On seven known maps ligaments and fasciae
 # are off by 2.0 mm in the mean from 800 to 6400 within the surface, by 2.3 mm with 400 in one round, by 2.7 mm where
-# both are 0.01. Landmarks from 4 to 32 give the same to 0.1 mm, and so do normals from 0.5 to 10; the less, the more
-# space is squeezed beside sharp ends: to 0.13 of its size beside a real vagina with 1, to 0.17 with 4, to 0.25 with 10.
-_NORMAL, _TANGENTIAL, _LANDMARK = 4.0, 1600.0, 4.0
+# both are 0.01. Landmarks from 4 to 32 give the same to 0.1 mm, and so do normals from 0.5 to 14; the less, the more
+# space is squeezed beside sharp ends: to 0.12 of its size beside a real vagina with 4, to 0.24 with 10, 0.28 with 16.
+_NORMAL, _TANGENTIAL, _LANDMARK = 10.0, 1600.0, 4.0
 # How often samples are matched with the surface; a third time changes the means by 0.01 mm.
 _ROUNDS = 2
 # Half the distance over which the map's derivatives are taken, mm.
