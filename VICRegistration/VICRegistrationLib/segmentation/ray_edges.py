@@ -34,8 +34,9 @@ _NEAREST = 0.1
 _COS_AROUND = np.cos(np.deg2rad(15.0))
 # An edge is a step by this share of the contrast around the seeds, or by this many standard deviations of the noise.
 _STEP_SHARE, _STEP_NOISE = 0.35, 4.0
-# The contrast is that within this distance, without the darkest and the brightest share; sampled in such steps.
-_SURROUNDINGS_MM, _EXTREME, _RAY_STEP_MM = 60.0, 0.1, 1.5
+# The contrast is that within this distance, without the darkest and the brightest share; sampled in such steps. Within
+# less than 60 mm a full bladder may leave no room for what surrounds it; with 60 to 240 mm all seven are found.
+_SURROUNDINGS_MM, _EXTREME, _RAY_STEP_MM = 90.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)
