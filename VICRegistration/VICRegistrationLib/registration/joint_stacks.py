@@ -36,7 +36,7 @@ _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
 # 0.39 mm (rectum), 0.78 and 0.75 mm (bladder) where they have grown by 3 %. The mean is what another filling changes
 # most; at curved places, thick slices shift edges by more than a small organ grows, but outward and inward.
 _LARGEST_APART_MM, _LARGEST_APART_PIXELS = 0.35, 0.55
-_LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.16, 0.27
+_LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.24, 0.3
 # Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
 _MOSTLY_KNOWN = 0.95
 # How often the edges of stacks are compared with each other at most, and at which displacement they are at rest, mm.
