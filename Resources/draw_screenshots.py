@@ -24,8 +24,8 @@ import slicer
 from slicer_views import SLICES, SliceView, ThreeDView, draws_off_screen, side_by_side, write_png
 
 from VICRegistration import VICRegistrationLogic
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.fitting import fitSteps
 from VICRegistrationLib.mrml.generic_model_fit import fitModel

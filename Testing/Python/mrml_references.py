@@ -11,9 +11,9 @@ from mrml_scenes import slicer
 from small_phantom import CENTER, ellipsoid
 from vtk.util.numpy_support import vtk_to_numpy
 
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 
 DEVIATION, STANDARD_DEVIATION = "Deviation (mm)", "Standard deviation (mm)"
@@ -41,7 +41,7 @@ def add_model(data, name="reference", *, under=None):
 
 
 def triangles_of(surface, *, chord_error=0.02, moved=lambda points: points):
-    from VICRegistrationLib.export.surface_data import polydata
+    from VICRegistrationLib.geometry.polydata import polydata
 
     mesh = triangulate(surface, chord_error=chord_error)
     return polydata(moved(mesh.points), mesh.triangles)

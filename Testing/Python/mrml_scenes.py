@@ -120,7 +120,7 @@ def hardened_points(model):
 
 def true_triangles(transform, *, surface=None):
     """Triangles of the true surface, every point taken through a function of (n, 3) points, as polydata."""
-    from VICRegistrationLib.export.surface_data import polydata
+    from VICRegistrationLib.geometry.polydata import polydata
 
     mesh = triangulate(surface or ellipsoid(), chord_error=0.02)
     return polydata(transform(mesh.points), mesh.triangles)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.painting import paint
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from small_phantom import CENTER, ellipsoid
 
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.painting import paint
 

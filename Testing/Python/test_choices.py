@@ -13,7 +13,7 @@ from VICRegistrationLib.geometry import models
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.messages import Diagnostic
-from VICRegistrationLib.registration.choices import edge_width
+from VICRegistrationLib.registration.edge_width import edge_width
 from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
 
 

@@ -135,6 +135,8 @@ def test_there_is_a_line_of_progress_for_every_stage(image_path, tmp_path, capsy
     lines = captured.err.splitlines()
     with (tmp_path / "out" / "bladder_convergence.csv").open(newline="") as file:
         stages = list(dict.fromkeys(row["stage"] for row in csv.DictReader(file)))
+    # That is a choice, nothing is computed in it.
+    stages = [stage for stage in stages if stage != "coarser net kept"]
     told = [line for line in lines if re.search(r"bladder: .*, \d+ iterations, cost \S+ -> \S+, \d+\.\d+ s", line)]
     assert len(told) == len(stages)
     assert all(stage in line for stage, line in zip(stages, told))

@@ -93,7 +93,7 @@ def jacobian(correlation, samples, *, turning=True):
     """Differentiate all residuals, (n * m, n_dof); without the turning normal what is left is grad I . dS."""
     parametrization, bases = correlation.parametrization, correlation.surface.grid.bases
     n, m = samples.residuals.shape
-    lever = correlation._fixed.offsets[..., None] * samples.gradients
+    lever = correlation.depths[:, None] * samples.gradients
     result = np.zeros((n, m, parametrization.n_dof))
     for depth in range(m):
         parts = [samples.gradients[:, depth], *(samples.frame.normal_terms(lever[:, depth]) if turning else ())]
@@ -281,34 +281,6 @@ def test_an_organ_may_be_brighter_or_darker(smooth_image, sign):
     reference = make(smooth_image, parametrization).sample(np.zeros(parametrization.n_dof))
     found = make(inverted, parametrization, image=image).sample(np.zeros(parametrization.n_dof))
     np.testing.assert_allclose(found.residuals, sign * reference.residuals, atol=1e-12)
-
-
-# ------------------------------------------------------------------ where the blur moves a curved edge
-
-
-@pytest.mark.parametrize(
-    "voxel",
-    [np.diag([0.6, 0.6, 4.0]), np.diag([5.0, 1.0, 1.0]), np.array([[0.5, 0.0, 2.0], [0.3, 1.0, 0.0], [0.0, 0.2, 3.0]])],
-)
-def test_samples_of_a_ball_move_by_its_curvature_and_the_voxel(voxel):
-    radius = 20.0
-    k, j, i = np.indices((52, 52, 52)) - 25.5
-    matrix = np.eye(4)
-    matrix[:3, 3] = -25.5
-    # Grey levels tell the distance from the centre, so that a residual tells where its sample lies.
-    sampler = Sampler(Image(np.sqrt(i**2 + j**2 + k**2), matrix), order="cubic")
-    parametrization = affine(models.closed_organ((33, 33), axes=radius * np.eye(3)), free="translation")
-    image = virtual(1.0, 0.0, 3.0, mode="given", voxel=voxel)
-    depths = np.array([-0.5, 0.0, 0.5])
-    samples = make(sampler, parametrization, shape=(48, 40), image=image, depths=depths).sample(np.zeros(3))
-    normals = samples.frame.normals
-    # For a ball the second derivatives of the distance are (I - n n') / R.
-    variance = voxel @ voxel.T / 4.0
-    along = normals @ variance
-    aslant = np.einsum("na,na->n", along, along) / np.einsum("na,na->n", along, normals)
-    shift = -(np.trace(variance) - aslant) / (2.0 * radius)
-    grey = samples.residuals + cosine_ramp(depths)
-    np.testing.assert_allclose(grey, radius + shift[:, None] + 3.0 * depths, rtol=0.0, atol=2e-3)
 
 
 # ------------------------------------------------------------------ losses

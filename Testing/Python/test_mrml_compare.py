@@ -23,9 +23,9 @@ from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
 from VICRegistrationLib.analysis.distances import ReferenceMesh, mesh_of_mask
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 
 pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")

@@ -10,8 +10,8 @@ from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 
 pytestmark = pytest.mark.usefixtures("cached_fits")

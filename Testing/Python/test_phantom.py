@@ -7,7 +7,7 @@ import pytest
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.phantoms.painting import (
     add_coil_bias,
     add_rician_noise,

@@ -14,8 +14,9 @@ from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh
 from VICRegistrationLib.analysis.mirrored import mirrored
 from VICRegistrationLib.analysis.references import read_reference
 from VICRegistrationLib.export.mesh_files import write_mesh
-from VICRegistrationLib.export.surface_data import add_text, polydata
+from VICRegistrationLib.export.surface_data import add_text
 from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.polydata import polydata
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.geometry.triangles import enclosed_volume

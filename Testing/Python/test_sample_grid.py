@@ -1,4 +1,4 @@
-"""Samples of a surface: its curvature there, and sums of products of functions that meet at samples."""
+"""Samples of a surface: their parameters, and sums of products of functions that meet at samples."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from VICRegistrationLib.geometry.parametrization import affine
 from VICRegistrationLib.registration.sample_grid import PairProducts, SampledSurface, SampleGrid
 
 
-def test_a_curvature_is_that_of_a_ball():
-    radius = 20.0
-    ball = models.closed_organ((33, 33), axes=radius * np.eye(3))
-    surface = SampledSurface(affine(ball), SampleGrid.on(ball, (24, 20)))
-    normals = surface.frame(np.zeros(12)).normals
-    expected = (np.eye(3) - normals[:, :, None] * normals[:, None, :]) / radius
-    # A net of 33 x 33 is round to 1 % of its curvature; next to the poles, where its derivatives vanish, less so.
-    np.testing.assert_allclose(surface.curvature(np.zeros(12)), expected, atol=0.03 / radius)
+@pytest.mark.parametrize("between", [False, True])
+def test_bases_are_those_at_the_parameters(between):
+    organ = models.closed_organ((9, 7), axes=np.diag([10.0, 8.0, 15.0]))
+    grid = SampleGrid.on(organ, (24, 12), between=between)
+    points = grid.bases[0] @ organ.control_net.reshape(-1, 3)
+    np.testing.assert_allclose(points, organ.grid(*grid.axes).reshape(-1, 3), atol=1e-12)
+    np.testing.assert_allclose(SampledSurface(affine(organ), grid).frame(np.zeros(12)).points, points, atol=1e-12)
 
 
 @pytest.fixture

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import ndimage
 from scipy.special import ndtr
 
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.registration.edge_width import WIDTH_OF_BLUR, blur_covariance
 from VICRegistrationLib.registration.virtual_image import (
+    INSIDE_PROBES,
     PROBE_DEPTHS,
-    WIDTH_OF_BLUR,
     IntensityProfile,
     VirtualImage,
-    blur_covariance,
     cosine_ramp,
     linear_ramp,
 )
@@ -104,9 +104,10 @@ def lines(inside, outside):
     return np.where(PROBE_DEPTHS < 0.0, inside[:, None], outside[:, None]).astype(float)
 
 
-def estimated(image, values, valid=None, normals=NORMALS):
+def estimated(image, values, valid=None, normals=NORMALS, shares=None):
     valid = np.ones(values.shape, dtype=bool) if valid is None else valid
-    return image.estimate(values, valid, normals, AREA, SHAPE)
+    shares = np.where(INSIDE_PROBES, 1.0, np.zeros(values.shape)) if shares is None else shares
+    return image.estimate(values, valid, shares, normals, AREA, SHAPE)
 
 
 @pytest.mark.parametrize("mode", ["local", "organ"])
@@ -169,45 +170,12 @@ def test_lines_across_thick_slices_count_less():
     np.testing.assert_allclose(sharp, (900.0 * 25.0 + 550.0) / 26.0)
 
 
-@pytest.mark.parametrize("voxel", [np.diag([0.6, 0.6, 4.0]), np.array([[0.5, 0.0, 2.0], [0.3, 1.0, 0.0], [0, 0.2, 3]])])
-def test_the_edge_of_a_ball_moves_as_the_blur_says(voxel):
-    normal = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [1.0, 0.0, 0.0]])
-    radius = 20.0
-    curvature = (np.eye(3) - normal[:, :, None] * normal[:, None, :]) / radius
-    found = virtual(1.0, 0.0, 10.0, voxel=voxel).shifts(curvature, normal)
-    # Half the variance over the radius, inward: along every direction tangent to the ball, of the points that the blur
-    # brings from the tangent plane itself.
-    variance = voxel @ voxel.T / 4.0
-    expected = [
-        -(np.trace(variance) - n @ variance @ variance @ n / (n @ variance @ n)) / (2.0 * radius) for n in normal
-    ]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-    assert (found < 0.0).all()
-
-
-@pytest.mark.parametrize("slant", [0.0, 0.3, 0.6, 0.85, 1.0])
-def test_the_edge_of_a_ball_in_an_image_that_is_blurred_along_one_axis_is_where_it_is_said_to_be(slant):
-    radius, deviations = 18.0, np.array([1.2, 1.2, 3.6])
-    k, j, i = np.indices((57, 49, 49)) - np.array([28.0, 24.0, 24.0])[:, None, None, None]
-    ball = np.clip(radius - np.sqrt(i**2 + j**2 + k**2) + 0.5, 0.0, 1.0)
-    blurred = ndimage.gaussian_filter(ball, deviations[::-1])
-    normal = np.array([np.sqrt(1.0 - slant**2), 0.0, slant])
-    depths = np.linspace(-2.0, 2.0, 401)
-    places = (radius + depths)[:, None] * normal[::-1] + [28.0, 24.0, 24.0]
-    edge = depths[np.abs(ndimage.map_coordinates(blurred, places.T) - 0.5).argmin()]
-    curvature = (np.eye(3) - np.outer(normal, normal)) / radius
-    # The ball's own edge is a ramp of one voxel, 1/12 of variance.
-    voxel = np.diag(2.0 * np.sqrt(deviations**2 + 1.0 / 12.0))
-    found = virtual(1.0, 0.0, 10.0, voxel=voxel).shifts(curvature[None], normal[None])[0]
-    assert found == pytest.approx(edge, abs=0.03)
-
-
 def test_what_the_voxels_do_not_explain_of_an_edges_width_is_blur_in_all_directions():
     voxel = np.diag([0.6, 0.6, 4.0])
     sharp, wide = 0.3 * WIDTH_OF_BLUR, 0.5 * WIDTH_OF_BLUR
     np.testing.assert_allclose(blur_covariance(voxel, sharp), np.diag([0.09, 0.09, 4.0]), atol=1e-12)
     np.testing.assert_allclose(blur_covariance(voxel, wide), np.diag([0.25, 0.25, 4.16]))
-    np.testing.assert_array_equal(blur_covariance(voxel, 0.1), blur_covariance(voxel))
+    np.testing.assert_array_equal(blur_covariance(voxel, 0.1), np.diag([0.09, 0.09, 4.0]))
 
 
 def test_a_ramp_as_wide_as_a_blur_says_is_as_steep_as_the_blurred_step():
@@ -216,31 +184,43 @@ def test_a_ramp_as_wide_as_a_blur_says_is_as_steep_as_the_blurred_step():
     np.testing.assert_allclose(np.diff(cosine_ramp(depth / (0.7 * WIDTH_OF_BLUR))), blurred, rtol=1e-6)
 
 
-def test_what_the_blur_carries_across_the_edge_is_taken_off_the_level_outside():
+def test_what_the_blur_carries_across_the_edge_is_taken_off_the_levels():
     # A wall as thick as 1.5 times the blurred edge is wide: no place in it is as dark as it is.
     width, wall = 2.0, 3.0
     deviation = width / WIDTH_OF_BLUR
     depths = width * PROBE_DEPTHS
     values = 900.0 + (150.0 - 900.0) * ndtr(depths / deviation) + (600.0 - 150.0) * ndtr((depths - wall) / deviation)
     values = np.tile(values, (N, 1))
-    voxel = 2.0 * deviation * np.eye(3)
-    _, plain = estimated(virtual(900.0, 150.0, width, mode="organ"), values)
-    _, outside = estimated(virtual(900.0, 150.0, width, mode="organ", voxel=voxel), values)
+    image = virtual(880.0, 200.0, width, mode="organ")
+    _, plain = estimated(image, values)
+    _, outside = estimated(image, values, shares=np.tile(ndtr(-depths / deviation), (N, 1)))
     np.testing.assert_allclose(outside, 150.0, atol=1.0)
     assert plain.min() > 151.0
 
 
-def test_the_edge_never_moves_by_more_than_half_the_ramp():
-    curvature = np.stack([np.eye(3), -np.eye(3)]) * 10.0
-    np.testing.assert_allclose(
-        virtual(1.0, 0.0, 2.0, voxel=np.diag([1.0, 1.0, 4.0])).shifts(curvature, NORMALS[:2]), [-1.0, 1.0]
-    )
+def test_a_blur_as_wide_as_the_probes_reach_leaves_both_levels():
+    # Across thick slices no place is all inside or all outside.
+    shares = np.tile(ndtr(-PROBE_DEPTHS / 1.2), (N, 1))
+    inside, outside = estimated(virtual(700.0, 300.0, 2.0), 900.0 * shares + 150.0 * (1.0 - shares), shares=shares)
+    np.testing.assert_allclose(inside, 900.0, atol=2.0)
+    np.testing.assert_allclose(outside, 150.0, atol=2.0)
 
 
-def test_without_a_voxel_nothing_moves_and_all_lines_are_equally_sharp():
-    image = virtual(1.0, 0.0, 2.0)
-    np.testing.assert_array_equal(image.shifts(np.ones((4, 3, 3)), NORMALS[:4]), 0.0)
-    np.testing.assert_array_equal(image.blur(NORMALS), 1.0)
+def test_without_partial_volumes_shares_are_those_of_the_ramp():
+    axes, depths = (np.arange(3.0), np.arange(2.0)), np.array([-1.0, 0.0, 1.0])
+    shares = virtual(900.0, 100.0, 2.0).shares(closed_organ(), axes, depths)
+    np.testing.assert_allclose(shares, np.tile([1.0, 0.5, 0.0], (6, 1)), atol=1e-15)
+
+
+def test_the_published_profile_keeps_its_ramp():
+    profile = IntensityProfile(900.0, 100.0, 2.0, centered=False)
+    image = VirtualImage(profile, partial_volumes=lambda *arguments: np.zeros((6, 3)))
+    axes, depths = (np.arange(3.0), np.arange(2.0)), np.array([0.0, 1.0, 2.0])
+    np.testing.assert_allclose(image.shares(closed_organ(), axes, depths), np.tile([1.0, 0.5, 0.0], (6, 1)), atol=1e-15)
+
+
+def test_without_a_voxel_all_lines_are_equally_sharp():
+    np.testing.assert_array_equal(virtual(1.0, 0.0, 2.0).blur(NORMALS), 1.0)
 
 
 def test_contrast_is_the_mean_difference_but_never_vanishes():

@@ -19,8 +19,8 @@ import slicer
 import vtk
 
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.generic_model_nodes import findModel, partsOf
 from VICRegistrationLib.mrml.parameters import Loss

@@ -21,7 +21,7 @@ from VICRegistrationLib.analysis.distances import (
     points_on,
     signed_distances,
 )
-from VICRegistrationLib.export.surface_data import polydata
+from VICRegistrationLib.geometry.polydata import polydata
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image

@@ -12,10 +12,10 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry import parametrization
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.region import Region, region_from_mask

@@ -7,11 +7,11 @@ from measuring import table
 from scipy import ndimage
 
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.analysis.volume_fractions import volume_fractions
 from VICRegistrationLib.geometry import models, parametrization
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.painting import paint
 from VICRegistrationLib.registration.organ import finish, fit_organ

@@ -12,6 +12,7 @@ from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
+from ..geometry.volume_fractions import Box
 from .distances import (
     Deviation,
     Reference,
@@ -21,7 +22,6 @@ from .distances import (
     signed_distances,
     signed_to_surface,
 )
-from .volume_fractions import Box
 
 # Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
 # counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.

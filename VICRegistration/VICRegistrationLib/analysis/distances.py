@@ -13,7 +13,8 @@ from vtkmodules.vtkCommonCore import vtkDoubleArray
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkImplicitPolyDataDistance, vtkPolyDataNormals
 
-from ..export.surface_data import polydata, triangles_in
+from ..export.surface_data import triangles_in
+from ..geometry.polydata import polydata
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume

@@ -12,7 +12,7 @@ from ..geometry import bspline
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import triangulate
-from .volume_fractions import Box
+from ..geometry.volume_fractions import Box
 
 # Surfaces that are nearer to each other than this touch, mm.
 TOUCH = 1e-3

@@ -18,10 +18,11 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ..files import replacing
 from ..frames import RAS_TO_LPS
+from ..geometry.polydata import polydata
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.library_messages import silent_vtk
-from .surface_data import add_surface, add_text, polydata, polydata_of_mesh, xml_text
+from .surface_data import add_surface, add_text, polydata_of_mesh, xml_text
 
 MESH_SUFFIXES = (".stl", ".ply", ".vtp")
 DEFAULT_CHORD_ERROR = 0.05

@@ -17,9 +17,10 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from ..files import reason
 from ..frames import RAS_TO_LPS
+from ..geometry.polydata import polydata
 from ..geometry.surface_file import SurfaceRecord
 from ..imaging.library_messages import silent_vtk
-from .surface_data import polydata, surface_in, triangles_in
+from .surface_data import surface_in, triangles_in
 
 _READERS = {
     ".stl": vtkSTLReader,

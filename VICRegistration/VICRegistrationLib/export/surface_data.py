@@ -15,44 +15,17 @@
 from __future__ import annotations
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkFieldData, vtkPolyData
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkStringArray
+from vtkmodules.vtkCommonDataModel import vtkFieldData, vtkPolyData
 
 from ..files import reason
+from ..geometry.polydata import polydata
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh
 from ..geometry.validity import check_place
 
 _NUMBERS = ("degrees", "knots_u", "knots_v", "control_net", "control_net_shape")
-
-
-def polydata(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
-    """Triangles as VTK data.
-
-    Parameters
-    ----------
-    points : (n, 3) array_like
-    triangles : (m, 3) array_like of int
-
-    Returns
-    -------
-    vtkPolyData
-        With copies of the arrays, in the frame of the points.
-    """
-    vertices = vtkPoints()
-    vertices.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=float), deep=True))
-    data = vtkPolyData()
-    data.SetPoints(vertices)
-    data.SetPolys(cell_array(triangles))
-    return data
-
-
-def cell_array(triangles: np.ndarray) -> vtkCellArray:
-    """Triangles, (m, 3) of int, as VTK's cells."""
-    cells = vtkCellArray()
-    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles, dtype=np.int64).ravel(), deep=True))
-    return cells
 
 
 def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
 
-from ..export.surface_data import polydata
+from ..geometry.polydata import polydata
 from ..geometry.validity import check_surface
 from ..messages import Diagnostic
 from .crossings import crossing

@@ -15,9 +15,10 @@ from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from ..export.surface_data import add_text, polydata, xml_text
+from ..export.surface_data import add_text, xml_text
 from ..files import replacing
 from ..frames import RAS_TO_LPS
+from ..geometry.polydata import polydata
 from .model import MultiPatchModel
 from .triangles import model_triangles
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analysis.volume_fractions import checked_matrix, positive_integers
+from ..geometry.volume_fractions import checked_matrix, positive_integers
 
 
 def paint(base: np.ndarray, layers: Sequence[tuple[np.ndarray, float | np.ndarray]]) -> np.ndarray:

@@ -12,11 +12,11 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from ..analysis.volume_fractions import volume_fractions
 from ..export.mesh_files import write_vtp
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
+from ..geometry.volume_fractions import volume_fractions
 from ..imaging.image import Image
 from ..imaging.reading import write_image
 from . import organs, painting

@@ -7,8 +7,9 @@ surroundings are searched for the place where the grey levels on both sides of t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy import ndimage
@@ -18,9 +19,10 @@ from ..geometry.parametrization import rigid, rigid_matrix
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
-from .choices import edge_width
 from .cost import Objective
+from .edge_width import edge_width
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS
+from .partial_volumes import PartialVolumes
 from .sample_grid import SampledSurface, SampleGrid
 from .schedule import View, crop_around, measured_levels
 from .stages import Stage, iterate_stage
@@ -203,15 +205,20 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
     return judged(sampler, surface, motion, known=known)
 
 
-def _stage(sampler: Sampler, surface: BSplineSurface, tau: float) -> Stage | None:
-    """Make a stage for a rigid motion; None where there is no difference between both sides of the surface."""
+def _stage(
+    sampler: Sampler, surface: BSplineSurface, tau: float, shares: Callable[..., np.ndarray] | None = None
+) -> Stage | None:
+    """Make a stage for a rigid motion; None where there is no difference between both sides of the surface.
+
+    A ramp attracts the surface from afar; with partial volumes as `shares` its edge is measured.
+    """
     try:
         inside, outside = measured_levels(surface, sampler, tau)
     except ValueError:
         return None
     if inside == outside:
         return None
-    virtual = VirtualImage(IntensityProfile(inside, outside, tau), voxel=sampler.image.ijk_to_ras[:3, :3])
+    virtual = VirtualImage(IntensityProfile(inside, outside, tau), "local", sampler.image.ijk_to_ras[:3, :3], shares)
     return Stage(
         "rigid motion",
         sampler,
@@ -234,7 +241,8 @@ def judged(
     pixel = float(min(sampler.image.spacing))
     width = edge_width(sampler, moved, voxel) or TAU_PIXELS * pixel
     tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
-    stage = _stage(sampler, moved, tau)
+    shares = partial(PartialVolumes(sampler.image).along, within=0.0)
+    stage = _stage(sampler, moved, tau, shares)
     if stage is None:
         return Alignment(motion, None, 0.0, 0.0, 0.0, np.inf, *np.zeros((3, np.prod(SAMPLES))))
     space = SampledSurface(rigid(moved, np.zeros(3)), _grid(surface))

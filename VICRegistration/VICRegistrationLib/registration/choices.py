@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.surface import BSplineSurface
-from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
+from .edge_width import edge_width
 from .nets import sampled
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .schedule import Schedule
 from .stages import Step
-from .virtual_image import blur_covariance
 
 # Smoothness for a mean squared residual of 1 seen in one voxel. It shrinks with the square root of the number of
 # voxels: noise averages out as fast as that number grows, uneven tissue does not. More takes the wrinkles out of a net
@@ -37,13 +36,6 @@ _SEVERAL = 6.0
 _ANCHOR = 600.0
 # No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
 _CLEAREST = 1.0 / 60.0
-# Where the edge's width is measured: these distances from the edge, in pixels; more where the blur is wider.
-_PROFILE_PIXELS = np.arange(-6.0, 6.01, 0.25)
-_PLATEAU = _PROFILE_PIXELS < -3.0
-_BEYOND = (_PROFILE_PIXELS > 2.0) & (_PROFILE_PIXELS < 4.0)
-_NEAR = np.abs(_PROFILE_PIXELS) <= 2.5
-# Within these an edge is looked for on each line.
-_EDGE_PIXELS = 2.0
 
 
 @dataclass(frozen=True)
@@ -144,68 +136,3 @@ def _tau(surface: BSplineSurface, schedule: Schedule, asked: FitOptions) -> tupl
     if tau == width:
         return tau, Diagnostic("edge_width", found)
     return tau, Diagnostic("edge_width_limited", {**found, "least": LEAST_TAU_PIXELS, "most": MOST_TAU_PIXELS})
-
-
-def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> float | None:
-    """Measure the width of an organ's edge in the image.
-
-    Parameters
-    ----------
-    sampler : Sampler
-        The grey levels, in the frame of the surface.
-    surface : BSplineSurface
-        Near the edge.
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
-
-    Returns
-    -------
-    float or None
-        mm; None where there is no edge.
-
-    Notes
-    -----
-    The mean profile across the surface, mostly from places where it is sharp, that is not across thick slices. The
-    width is that of the cosine ramp of equation 3 with the same slope at half height. It is measured twice: the second
-    time each line is moved to its own edge, as a surface that misses the edge by turns would make it look wide, and
-    stretched by the blur along it as the first width says.
-    """
-    pixel = float(np.linalg.norm(voxel, axis=0).min())
-    u, v = surface.midpoints(32, 20)
-    points, normals = surface.points(u, v), surface.normals(u, v)
-    offsets, width = np.zeros(len(points)), TAU_PIXELS * pixel
-    for _ in range(2):
-        covariance = blur_covariance(voxel, width)
-        blur = np.sqrt(np.einsum("na,ab,nb->n", normals, covariance, normals) / np.linalg.eigvalsh(covariance)[0])
-        depths = offsets[:, None] + pixel * blur[:, None] * _PROFILE_PIXELS
-        values, valid = sampler.values(points[:, None] + depths[..., None] * normals[:, None])
-        weight, shares = _steps(values)
-        weight = valid.all(axis=1) * weight / blur**4
-        if not weight.sum() > 0.0:
-            return None
-        width = _width_of_profile(weight @ shares / weight.sum(), pixel)
-        if width is None:
-            return None
-        # A step from 1 to 0 covers half of an interval about it.
-        middle = np.abs(_PROFILE_PIXELS) <= _EDGE_PIXELS
-        lack = np.clip(shares[:, middle], 0.0, 1.0).mean(axis=1) - 0.5
-        offsets = offsets + np.where(weight > 0.0, 2.0 * _EDGE_PIXELS * pixel * blur * lack, 0.0)
-    return width
-
-
-def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Height of the step on each line, (n,), 0 where it goes the other way; and how much of it is left, (n, m)."""
-    inner = values[:, _PLATEAU].mean(axis=1)
-    beyond = values[:, _BEYOND]
-    darker = float(np.median(inner - beyond.mean(axis=1))) > 0.0
-    outer = beyond.min(axis=1) if darker else beyond.max(axis=1)
-    step = inner - outer
-    shares = (values - outer[:, None]) / np.where(step == 0.0, 1.0, step)[:, None]
-    return np.maximum(step if darker else -step, 0.0), shares
-
-
-def _width_of_profile(profile: np.ndarray, pixel: float) -> float | None:
-    """Width of the cosine ramp that is as high and as steep as a profile from 1 to 0, mm; None where none falls."""
-    slope = float(np.max(-np.gradient(profile, pixel * _PROFILE_PIXELS)[_NEAR]))
-    height = float(profile[_PLATEAU].mean() - profile[(_PROFILE_PIXELS > 0.0) & (_PROFILE_PIXELS < 4.0)].min())
-    return 0.5 * np.pi * height / slope if slope > 0.0 else None

@@ -21,7 +21,7 @@ from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .sample_grid import Frame, SampledSurface
-from .virtual_image import IntensityProfile, VirtualImage
+from .virtual_image import VirtualImage
 
 LOSSES = ("squares", "huber")
 # Residuals beyond so many scales count by their size, not by its square.
@@ -68,20 +68,17 @@ class _Fixed:
 
     Parameters
     ----------
-    profile : IntensityProfile
-        With levels for each normal line.
+    step : (n,) ndarray
+        Between the levels inside and outside on each normal line.
     grey : (n, m) ndarray
-        Its grey levels at the samples: the virtual image.
-    offsets : (n, m) ndarray
-        Distances of the samples from the surface, mm.
+        Grey levels of the virtual image at the samples.
     contrast : float
         Unit of the residuals.
     weight : (n, 1) or (n, m) ndarray
     """
 
-    profile: IntensityProfile
+    step: np.ndarray
     grey: np.ndarray
-    offsets: np.ndarray
     contrast: float
     weight: np.ndarray
 
@@ -107,8 +104,8 @@ class Correlation:
     Notes
     -----
     Levels and weights depend on the surface, but are fixed while a step is computed and judged; :meth:`refresh` brings
-    them up to date. Where the blur moves a curved edge is worked out once, where the surface begins. Residuals are in
-    units of the organ's contrast, so that the cost is dimensionless. Samples outside of the volume carry no weight.
+    them up to date. Partial volumes are computed once, where the surface begins, and move along with it. Residuals are
+    in units of the organ's contrast, so that the cost is dimensionless. Samples outside of the volume carry no weight.
     Where levels are estimated, a normal line counts as far as it shows the step between them.
     """
 
@@ -130,7 +127,7 @@ class Correlation:
         self.share = share
         self._fixed = None
         self._fresh = None
-        self._shift = None
+        self._shares = None
         self._reading = None
 
     @property
@@ -146,23 +143,23 @@ class Correlation:
             return
         self._fresh = q.copy()
         frame, virtual = self.surface.frame(q), self.virtual
-        if self._shift is None:
-            # Without a voxel nothing is shifted.
-            n = len(frame.points)
-            known = virtual.voxel is not None
-            curvature = self.surface.curvature(q) if known else np.zeros((n, 3, 3))
-            self._shift = virtual.shifts(curvature, frame.normals)
-        shift = self._shift[:, None]
+        if self._shares is None:
+            depths = np.concatenate([self.depths, virtual.probes])
+            shares = virtual.shares(self.parametrization.deform(q), self.surface.grid.axes, depths)
+            self._shares = np.split(shares, [len(self.depths)], axis=1)
+        along_ramp, at_probes = self._shares
         weight = frame.area if self.share is None else self.share * frame.area
         if virtual.adaptive:
-            probes = self.sampler.values(frame.along_normals(shift + virtual.probes))
-            inside, outside = virtual.estimate(*probes, frame.normals, frame.length, self.surface.grid.shape)
+            probes = self.sampler.values(frame.along_normals(virtual.probes))
+            inside, outside = virtual.estimate(*probes, at_probes, frame.normals, frame.length, self.surface.grid.shape)
             weight = weight * virtual.credibility(*probes, inside, outside)
         else:
-            inside, outside = (np.full(len(shift), float(v)) for v in (virtual.profile.inside, virtual.profile.outside))
+            inside, outside = (
+                np.full(len(frame.points), float(v)) for v in (virtual.profile.inside, virtual.profile.outside)
+            )
         contrast = virtual.contrast(inside, outside, frame.length)
-        profile = replace(virtual.profile, inside=inside[:, None], outside=outside[:, None])
-        self._fixed = _Fixed(profile, profile.value(self.depths), shift + self.depths, contrast, weight[:, None])
+        grey = outside[:, None] + (inside - outside)[:, None] * along_ramp
+        self._fixed = _Fixed(inside - outside, grey, contrast, weight[:, None])
         if self.loss != "squares":
             samples = self.sample(q)
             shares = sample_shares(self.loss, samples.residuals, samples.weights)
@@ -179,8 +176,7 @@ class Correlation:
 
     def steps(self) -> np.ndarray:
         """Step between the levels inside and outside on each normal line, (n,) in units of the contrast."""
-        profile = self._fixed.profile
-        return np.abs(profile.inside - profile.outside)[:, 0] / self._fixed.contrast
+        return np.abs(self._fixed.step) / self._fixed.contrast
 
     def doubt(self) -> np.ndarray:
         """How much stronger the anchor is on each normal line at q = 0 for its weak edge or the volume's end, (n,)."""
@@ -194,7 +190,7 @@ class Correlation:
         """Sample the image at q; kept, because an iteration starts where the last one ended."""
         if self._reading is None or not np.array_equal(q, self._reading.q):
             frame = self.surface.frame(q)
-            positions = frame.along_normals(self._fixed.offsets)
+            positions = frame.along_normals(self.depths)
             self._reading = _Reading(q.copy(), frame, *self.sampler.values_and_gradients(positions))
         return self._reading
 
@@ -204,7 +200,7 @@ class Correlation:
         """Half the derivative of the cost by the degrees of freedom, (n_dof,), the turning normal included."""
         weighted = samples.weights * samples.residuals
         direct = np.einsum("nm,nmk->nk", weighted, samples.gradients)
-        lever = np.einsum("nm,nmk->nk", weighted * self._fixed.offsets, samples.gradients)
+        lever = np.einsum("nm,nmk->nk", weighted * self.depths, samples.gradients)
         return self.surface.gradient(samples.frame, direct, lever)
 
     def hessian(self, samples: Samples):

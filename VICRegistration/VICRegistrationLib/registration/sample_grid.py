@@ -34,11 +34,14 @@ class SampleGrid:
     ----------
     shape : (n_u, n_v)
         Number of parameters in each direction.
-    bases : six (n_u * n_v, n_control) csr_matrix
-        Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v, S_uu, S_uv, S_vv.
+    axes : (n_u,) and (n_v,) ndarray
+        The parameters: all pairs of them.
+    bases : three (n_u * n_v, n_control) csr_matrix
+        Basis functions at the samples (u-major) and their derivatives: S, S_u, S_v.
     """
 
     shape: tuple[int, int]
+    axes: tuple[np.ndarray, np.ndarray]
     bases: tuple[sparse.csr_matrix, ...]
     _motions: dict = field(default_factory=dict, repr=False)
     _products: dict = field(default_factory=dict, repr=False)
@@ -60,19 +63,19 @@ class SampleGrid:
         -------
         SampleGrid
         """
-        one_way = []
+        axes, one_way = [], []
         shares = [(np.arange(n) + 0.5) / n for n in shape]
         if between:
             shares = [np.arange(shape[0]) / shape[0], np.arange(1, shape[1]) / shape[1]]
         for degree, knots, share in zip(surface.degrees, (surface.knots_u, surface.knots_v), shares):
             low, high = bspline.domain(degree, knots)
             x = low + (high - low) * share
-            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1, 2)])
+            axes.append(x)
+            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1)])
         along_u, along_v = one_way
-        orders = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-        return cls(
-            tuple(map(len, shares)), tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders)
-        )
+        orders = ((0, 0), (1, 0), (0, 1))
+        bases = tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders)
+        return cls(tuple(map(len, shares)), tuple(axes), bases)
 
     def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
         """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
@@ -81,7 +84,7 @@ class SampleGrid:
         """
 
         def moved():
-            products = [basis @ matrix for basis in self.bases[:3]]
+            products = [basis @ matrix for basis in self.bases]
             return tuple(p.toarray() if dense else p.tocsr() for p in products)
 
         return _kept(self._motions, matrix, moved)
@@ -233,7 +236,7 @@ class SampledSurface:
         self.grid = grid
         flat = parametrization.surface.control_net.reshape(-1, 3)
         self.sparse = len(flat) > _DENSE_LIMIT if use_sparse is None else use_sparse
-        self._start = tuple(basis @ flat for basis in grid.bases[:3])
+        self._start = tuple(basis @ flat for basis in grid.bases)
         motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
         self._motion = tuple(zip(*motions))
         # Coordinates that move alike are computed at once.
@@ -272,22 +275,6 @@ class SampledSurface:
         # An iteration starts where the last one ended.
         self._last = q.copy(), frame
         return frame
-
-    def curvature(self, q: np.ndarray) -> np.ndarray:
-        """Second derivatives of the signed distance from the surface, (n, 3, 3), 1/mm."""
-        frame = self.frame(q)
-        net = self.parametrization.control_net(q).reshape(-1, 3)
-        uu, uv, vv = (-np.einsum("nk,nk->n", frame.normals, basis @ net) for basis in self.grid.bases[3:])
-        # Dual tangents: S_u . D_u = 1, S_u . D_v = 0 and so on.
-        along_u, along_v = frame.tangents
-        dual_u = cross(along_v, frame.normals) / frame.length[:, None]
-        dual_v = cross(frame.normals, along_u) / frame.length[:, None]
-        mixed = dual_u[:, :, None] * dual_v[:, None, :]
-        return (
-            uu[:, None, None] * dual_u[:, :, None] * dual_u[:, None, :]
-            + uv[:, None, None] * (mixed + mixed.transpose(0, 2, 1))
-            + vv[:, None, None] * dual_v[:, :, None] * dual_v[:, None, :]
-        )
 
     def gradient(self, frame: Frame, direct: np.ndarray, lever: np.ndarray) -> np.ndarray:
         """Sum over the samples of direct . dS + lever . dn, by the degrees of freedom, (n_dof,).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..imaging.moments import Moments
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .options import MAX_ITERATIONS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
+from .partial_volumes import PartialVolumes
 from .region_image import RegionImage, region_image
 from .stages import Further, Stage
 from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS, IntensityProfile, VirtualImage
@@ -36,6 +38,8 @@ REGION_COST_TOLERANCE = 2e-2
 BOUNDARY_TOLERANCE = 0.02
 # Smoothness before the noise is known.
 SMOOTHNESS_TO_START = 1e-5
+# Within how many pixels of a surface partial volumes of another one are taken, on the grey levels, coarse and fine.
+_NEAR_COARSE, _NEAR_FINE = 1.0, 0.125
 # Samples (u, v) of a surface by which is judged how much of it an image shows.
 _SEEN_AT = (24, 16)
 # Least width of an edge that is looked for, in voxels.
@@ -83,13 +87,19 @@ class View:
         """Count its voxels that lie in a band around a surface, as wide as its edge."""
         return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
 
-    def compared(self, options: FitOptions, *, widening: float) -> Further:
-        """Make what a stage compares with this image, with a ramp so much wider."""
+    @cached_property
+    def partial_volumes(self) -> PartialVolumes:
+        """Partial volumes in its voxels."""
+        return PartialVolumes(self.sampler.image)
+
+    def compared(self, options: FitOptions, *, widening: float, within: float) -> Further:
+        """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
         centered = options.profile == "centered"
         profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
         # Levels that are given are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
-        return Further(self.sampler, VirtualImage(profile, mode=mode, voxel=self.voxel, edge=self.tau), self.trust)
+        shares = partial(self.partial_volumes.along, within=within)
+        return Further(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,12 +236,12 @@ class Schedule:
     @property
     def coarse(self) -> Stage:
         """Local registration on the grey levels, over a wider ramp."""
-        return self._on_grey_levels("grey levels, coarse", widening=1.5, loosening=3.0)
+        return self._on_grey_levels("grey levels, coarse", widening=1.5, loosening=3.0, near=_NEAR_COARSE)
 
     @property
     def fine(self) -> Stage:
         """Local registration on the grey levels."""
-        return self._on_grey_levels("grey levels, fine", widening=1.0, loosening=1.0)
+        return self._on_grey_levels("grey levels, fine", widening=1.0, loosening=1.0, near=_NEAR_FINE)
 
     @property
     def to_boundary_points(self) -> Stage:
@@ -254,16 +264,32 @@ class Schedule:
             "max_iterations": self.options.max_iterations,
         }
 
-    def _on_grey_levels(self, name: str, *, widening: float, loosening: float) -> Stage:
-        """Make a stage on the grey levels, with a ramp so much wider and tolerances so much looser than asked for."""
+    @cached_property
+    def partial_volumes(self) -> PartialVolumes:
+        """Partial volumes in the voxels of the first image."""
+        return PartialVolumes(self.sampler.image)
+
+    def _on_grey_levels(self, name: str, *, widening: float, loosening: float, near: float) -> Stage:
+        """Make a stage on the grey levels.
+
+        Parameters
+        ----------
+        name : str
+        widening, loosening : float
+            How much wider than the edge the ramp is, and how much looser than asked for the tolerances.
+        near : float
+            Partial volumes of surfaces within so many pixels are taken.
+        """
+        within = near * self.pixel
         options, (patience, patience_cost) = self.options, self._patience
         profile = IntensityProfile(
             self.inside, self.outside, widening * options.tau, centered=options.profile == "centered"
         )
+        shares = partial(self.partial_volumes.along, within=within)
         return Stage(
             name,
             self.sampler,
-            VirtualImage(profile, mode=options.levels, voxel=self.voxel, edge=options.tau),
+            VirtualImage(profile, options.levels, self.voxel, shares),
             reach=0.5,
             n_depths=5,
             bending=options.smoothness,
@@ -274,7 +300,7 @@ class Schedule:
             loss=options.loss,
             solver=options.solver,
             max_iterations=options.max_iterations,
-            further=tuple(view.compared(options, widening=widening) for view in self.views),
+            further=tuple(view.compared(options, widening=widening, within=within) for view in self.views),
         )
 
     @property

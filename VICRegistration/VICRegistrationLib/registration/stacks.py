@@ -47,7 +47,7 @@ class Stack:
     >>> def ball(matrix, center):
     ...     k, j, i = np.indices((24, 24, 24))
     ...     ras = np.stack([i, j, k], axis=-1) @ matrix[:3, :3].T + matrix[:3, 3]
-    ...     distance = np.linalg.norm(ras - center, axis=-1)
+    ...     distance = np.linalg.norm((ras - center) / [1.0, 1.2, 0.8], axis=-1)
     ...     return vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), matrix)
     >>> sagittal = ball(np.diag([2.5, 2, 2, 1]), [28, 23, 23])
     >>> axial = ball(np.diag([2, 2, 2.5, 1]), [28, 23, 25])

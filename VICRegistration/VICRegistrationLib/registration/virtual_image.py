@@ -1,31 +1,33 @@
 """The virtual image: grey levels that a surface would have in an image, by the signed distance from it.
 
-Across the surface it follows the intensity profile of equation 3, a ramp between the level inside and the level
-outside. Along the surface the levels are given, or estimated from the real image; and the ramp lies where the blur of
-the real image moves a curved edge.
+Across the surface it goes from the level inside to the level outside: by the intensity profile of equation 3, a ramp,
+or by the partial volumes of the surface in the real image's voxels. Along the surface the levels are given, or
+estimated from the real image.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from scipy import ndimage
-from scipy.special import ndtr
+
+from ..geometry.surface import BSplineSurface
 
 LEVEL_MODES = ("local", "organ", "given")
 # Where the levels are read off a normal line, in units of the ramp's width. Inside, only beyond the whole ramp:
 # nearer to the surface the blurred edge darkens the plateau, and the surface would settle too far out. Outside, close
-# together and from the end of the ramp on: a wall may be no thicker than the edge is wide.
-PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.5, 1.25, 7)])
+# together and from within the ramp on: a wall may be no thicker than the edge is wide.
+PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.25, 1.25, 9)])
 INSIDE_PROBES = PROBE_DEPTHS < 0.0
 OUTSIDE_PROBES = ~INSIDE_PROBES
 
-# Width of the cosine ramp that is as steep at half height as a step blurred by a Gaussian, in its standard deviations.
-WIDTH_OF_BLUR = 0.5 * np.pi * np.sqrt(2.0 * np.pi)
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
+# A grey level of which less than this share is of one side says nothing about it.
+_LEAST_SHARE = 0.1
 # Of the contrast that is expected, at least so much is the unit of the residuals.
 _LEAST_CONTRAST = 0.05
 
@@ -111,8 +113,11 @@ class IntensityProfile:
 
     def value(self, distance: np.ndarray) -> np.ndarray:
         """Grey level L(d) at signed distances (outward positive, mm)."""
-        ramp = RAMPS[self.ramp](np.asarray(distance) / self.width, centered=self.centered)
-        return self.outside + (self.inside - self.outside) * ramp
+        return self.outside + (self.inside - self.outside) * self.share(distance)
+
+    def share(self, distance: np.ndarray) -> np.ndarray:
+        """Share of the level inside at signed distances (outward positive, mm), from 0 to 1."""
+        return RAMPS[self.ramp](np.asarray(distance) / self.width, centered=self.centered)
 
     def depths(self, reach: float, count: int) -> np.ndarray:
         """Distances from the surface at which it is compared, (count,) mm: as far on both sides of the ramp's middle.
@@ -129,29 +134,6 @@ class IntensityProfile:
     def middle(self) -> float:
         """Where the middle of the ramp lies outward of the surface, in units of the width."""
         return 0.0 if self.centered else 0.5
-
-
-def blur_covariance(voxel: np.ndarray, edge: float | None = None) -> np.ndarray:
-    """Covariance of the blur of an image that is interpolated linearly, (3, 3) mm^2.
-
-    Parameters
-    ----------
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
-    edge : float, optional
-        Width of the cosine ramp that is as steep as a sharp edge in the image, mm, where it is sharpest. What it is
-        wider than the voxels explain is the point spread of the scanner, taken as equal in all directions.
-
-    Notes
-    -----
-    Averaging over a voxel and interpolating linearly between voxels blur along each voxel edge e with the variances
-    |e|^2 / 12 and |e|^2 / 6, together sum e e' / 4.
-    """
-    covariance = voxel @ voxel.T / 4.0
-    if edge is None:
-        return covariance
-    sharpest = float(np.linalg.eigvalsh(covariance)[0])
-    return covariance + max((edge / WIDTH_OF_BLUR) ** 2 - sharpest, 0.0) * np.eye(3)
 
 
 @lru_cache(maxsize=16)
@@ -173,11 +155,11 @@ class VirtualImage:
         "organ": one pair of levels, the means over the surface. "local": a pair for each normal line, smoothed over
         its neighbours, for surroundings that change along the surface.
     voxel : (3, 3) ndarray, optional
-        Columns are the edges of a voxel of the real image, mm. When given, the ramp is moved to where the image's blur
-        moves a curved edge, levels come from places where the voxel is short along the normal rather than across
-        thick slices, and what the blur carries across the edge is taken off the levels outside.
-    edge : float, optional
-        Width of the edge in the real image, mm, see :func:`blur_covariance`.
+        Columns are the edges of a voxel of the real image, mm. When given, levels come from places where the voxel is
+        short along the normal rather than across thick slices.
+    partial_volumes : callable, optional
+        Compared in place of a centred profile's ramp: takes a surface, axes and depths, and computes shares as
+        :meth:`.partial_volumes.PartialVolumes.along` does.
     smoothing : float
         Standard deviation of the smoothing over neighbours, as a fraction of the surface's parameter range.
 
@@ -190,7 +172,7 @@ class VirtualImage:
     profile: IntensityProfile
     mode: str = "local"
     voxel: np.ndarray | None = None
-    edge: float | None = None
+    partial_volumes: Callable[..., np.ndarray] | None = None
     smoothing: float = 0.1
 
     def __post_init__(self) -> None:
@@ -215,9 +197,25 @@ class VirtualImage:
         """Distances from the surface at which levels are read off the image, (m,) mm."""
         return self.profile.width * (PROBE_DEPTHS + self.profile.middle)
 
-    @cached_property
-    def _covariance(self) -> np.ndarray:
-        return blur_covariance(self.voxel, self.edge)
+    def shares(self, surface: BSplineSurface, axes: tuple[np.ndarray, np.ndarray], depths: np.ndarray) -> np.ndarray:
+        """Share of the level inside along the normals of a surface.
+
+        Parameters
+        ----------
+        surface : BSplineSurface
+        axes : (n_u,) and (n_v,) ndarray
+            Parameters of the normal lines: all pairs of them.
+        depths : (m,) ndarray
+            Distances from the surface, mm.
+
+        Returns
+        -------
+        (n_u * n_v, m) ndarray
+            From 0 to 1.
+        """
+        if self.partial_volumes is not None and self.profile.centered:
+            return self.partial_volumes(surface, axes, depths)
+        return np.tile(self.profile.share(depths), (len(axes[0]) * len(axes[1]), 1))
 
     def blur(self, normals: np.ndarray) -> np.ndarray:
         """Length of a voxel along unit normals (n, 3), in units of its shortest edge, (n,)."""
@@ -225,48 +223,20 @@ class VirtualImage:
             return np.ones(len(normals))
         return np.linalg.norm(normals @ self.voxel, axis=1) / np.linalg.norm(self.voxel, axis=0).min()
 
-    def shifts(self, curvature: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """How far outward the blurred edge of a curved organ lies from the organ's surface, (n,) mm.
-
-        Parameters
-        ----------
-        curvature : (n, 3, 3) ndarray
-            Second derivatives of the signed distance from the surface, 1/mm.
-        normals : (n, 3) ndarray
-            Unit normals.
-
-        Returns
-        -------
-        (n,) ndarray
-            Held below half the width of the ramp.
-
-        Notes
-        -----
-        A point x at the distance d is blurred with points x + t, where t has the covariance C. Half of them lie inside
-        where the median of d + n't + t'Ht/2 is 0: to first order in the curvature H at minus the mean of t'Ht/2 over
-        those with n't = 0. These have the covariance C - C n n'C / n'C n, so that the edge lies inside of convex places
-        by half the trace of its product with H: by 0.1 mm for an organ of 60 mm in slices of 4 mm.
-        """
-        if self.voxel is None:
-            return np.zeros(len(curvature))
-        along = normals @ self._covariance
-        variance = np.einsum("na,na->n", along, normals)
-        mean = np.einsum("ab,nab->n", self._covariance, curvature)
-        mean -= np.einsum("na,nab,nb->n", along, curvature, along) / variance
-        return np.clip(-0.5 * mean, -0.5 * self.profile.width, 0.5 * self.profile.width)
-
     def contrast(self, inside: np.ndarray, outside: np.ndarray, area: np.ndarray) -> float:
         """One contrast for the organ, the unit of the residuals."""
         difference = np.average(np.abs(inside - outside), weights=area)
         return float(max(difference, _LEAST_CONTRAST * abs(self.profile.inside - self.profile.outside)))
 
-    def estimate(self, values, valid, normals, area, shape):
+    def estimate(self, values, valid, shares, normals, area, shape):
         """Levels on every normal line from the grey levels along all of them.
 
         Parameters
         ----------
         values, valid : (n, m) ndarray
             Grey levels at `PROBE_DEPTHS` and whether they lie in the volume.
+        shares : (n, m) ndarray
+            Share of the level inside that each of them has by the blur.
         normals : (n, 3) ndarray
             Unit normals: lines across thick slices are blurred and count less.
         area : (n,) ndarray
@@ -282,27 +252,23 @@ class VirtualImage:
         -----
         Inside is the mean of the plateau. Outside is the level farthest from the inside's within reach: an organ may
         have a wall thinner than the reach, with anything behind it; the mean of two probes, as one alone would be noise
-        where there is no contrast. What the blur carries there from the inside is
-        taken off first, by least squares: a grey level at depth d is I = s(d) inside + (1 - s(d)) outside, where s is
-        the share of the blur that lies inside.
+        where there is no contrast. What the blur carries to either side from the other one is taken off first, by
+        least squares: a grey level is I = s inside + (1 - s) outside, where s is its share.
         """
         weight = valid * (area / area.mean() / self.blur(normals) ** 2)[:, None]
-        profile = self._neighbourhood_mean(values, weight, shape, INSIDE_PROBES, self.profile.inside)
-        inside = profile.mean(axis=1)
-        left = 1.0 - self._shares_inside(normals)
-        beyond = np.where(valid, (values - (1.0 - left) * inside[:, None]) / left, 0.0)
-        profile = self._neighbourhood_mean(beyond, weight * left**2, shape, OUTSIDE_PROBES, self.profile.outside)
-        ordered = np.sort(profile, axis=1)
-        farthest = ordered[:, :2] if self.profile.inside > self.profile.outside else ordered[:, -2:]
-        return inside, farthest.mean(axis=1)
-
-    def _shares_inside(self, normals: np.ndarray) -> np.ndarray:
-        """Share of the blur about each probe outside that lies inside, (n, m); 0 at those inside."""
-        if self.voxel is None:
-            return np.zeros((len(normals), len(PROBE_DEPTHS)))
-        deviation = np.sqrt(np.einsum("na,ab,nb->n", normals, self._covariance, normals))
-        depths = self.profile.width * PROBE_DEPTHS
-        return np.where(OUTSIDE_PROBES, ndtr(-depths / deviation[:, None]), 0.0)
+        own = np.maximum(np.where(INSIDE_PROBES, shares, 1.0 - shares), _LEAST_SHARE)
+        weight = weight * own**2
+        outside = np.full(len(values), float(self.profile.outside))
+        # Each side needs the level of the other one.
+        for _ in range(2):
+            levels = np.where(valid, (values - (1.0 - own) * outside[:, None]) / own, 0.0)
+            inside = self._neighbourhood_mean(levels, weight, shape, INSIDE_PROBES, self.profile.inside).mean(axis=1)
+            levels = np.where(valid, (values - (1.0 - own) * inside[:, None]) / own, 0.0)
+            profile = self._neighbourhood_mean(levels, weight, shape, OUTSIDE_PROBES, self.profile.outside)
+            ordered = np.sort(profile, axis=1)
+            farthest = ordered[:, :2] if self.profile.inside > self.profile.outside else ordered[:, -2:]
+            outside = farthest.mean(axis=1)
+        return inside, outside
 
     def credibility(self, values, valid, inside, outside) -> np.ndarray:
         """How much of the step between the levels each normal line shows itself, (n,) from 0 to 1.

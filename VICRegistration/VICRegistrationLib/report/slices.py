@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
 from ..analysis.distances import ReferenceMesh
-from ..export.surface_data import polydata
+from ..geometry.polydata import polydata
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler

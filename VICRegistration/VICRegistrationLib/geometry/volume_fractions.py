@@ -9,7 +9,7 @@ import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
 
-from ..export.surface_data import cell_array, polydata
+from .polydata import cell_array, polydata
 
 
 def volume_fractions(

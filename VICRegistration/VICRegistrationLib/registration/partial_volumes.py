@@ -1,0 +1,134 @@
+"""Partial volumes: the share of each voxel that lies inside a surface, blurred as the real image is.
+
+The virtual image is made of them in the way in which the real one was made: an organ in the voxels of the same grid.
+What averaging over thick slices does to a curved edge, and interpolating between them, is in both images then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ..geometry.surface import BSplineSurface
+from ..geometry.triangles import area_vectors, enclosed_volume
+from ..geometry.triangulation import triangulate
+from ..geometry.volume_fractions import volume_fractions
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
+from .edge_width import WIDTH_OF_BLUR, edge_width
+from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS
+
+# Parts in which a voxel is cut along its shortest edge; along the longer ones as many as are as long, up to the most.
+_PARTS, _MOST_PARTS = 2, 8
+# How far triangles may be from the surface, in the shortest edges of a voxel. Half of it changes no mean distance
+# of the demo by more than 0.002 mm.
+_CHORD_ERROR = 1.0 / 5.0
+# Standard deviation of a usual point spread, in the same: from there that of the image is found by one step.
+_USUAL_SPREAD = 0.6
+# Samples (u, v) at which is measured how far a surface has moved.
+_MOVED_AT = (24, 16)
+
+
+@dataclass(frozen=True, eq=False)
+class _Painted:
+    """Partial volumes of a surface."""
+
+    surface: BSplineSurface
+    shares: Sampler
+
+
+class PartialVolumes:
+    """Partial volumes along surfaces in the voxels of one image.
+
+    Computing them takes as long as several iterations. They are kept, and move along with a surface that has moved a
+    little: what thick slices do to an edge depends on where the slices cut the surface, and on its shape.
+
+    Parameters
+    ----------
+    image : Image
+        Whose grid is taken, and whose blur.
+
+    Notes
+    -----
+    The scanner's point spread is taken as a Gaussian that is equal in all directions, and chosen so that the edge is as
+    wide as that in the image: curvature within thick slices makes both of them wider.
+    """
+
+    def __init__(self, image: Image):
+        # A surface is cut at the lines of a grid. Where they run must not depend on the order of the volume's axes.
+        self.image = image.canonical()
+        self._painted = None
+
+    def along(
+        self,
+        surface: BSplineSurface,
+        axes: tuple[np.ndarray, np.ndarray],
+        depths: np.ndarray,
+        *,
+        within: float,
+    ) -> np.ndarray:
+        """Compute the share of the image's blur that lies inside, along the normals of a surface.
+
+        Parameters
+        ----------
+        surface : BSplineSurface
+            Closed, in the frame of the image.
+        axes : (n_u,) and (n_v,) ndarray
+            Parameters of the normal lines: all pairs of them.
+        depths : (m,) ndarray
+            Distances from the surface, outward positive, mm.
+        within : float
+            Partial volumes of another surface with the same parameters are taken if this one is no farther from it,
+            root mean square, mm.
+
+        Returns
+        -------
+        (n_u * n_v, m) ndarray
+            From 0 to 1.
+        """
+        last = self._painted
+        if last is None or _distance(surface, last.surface) > within:
+            self._painted = last = _Painted(surface, self._paint(surface))
+        points, normals = last.surface.grid(*axes).reshape(-1, 3), last.surface.grid_normals(*axes).reshape(-1, 3)
+        return last.shares.values(points[:, None] + depths[:, None] * normals[:, None])[0]
+
+    def _paint(self, surface: BSplineSurface) -> Sampler:
+        """Compute the partial volumes of a surface, interpolated linearly as the image is."""
+        image, spacing = self.image, np.asarray(self.image.spacing)
+        parts = np.clip(np.rint(_PARTS * spacing / spacing.min()), 1, _MOST_PARTS).astype(int)
+        points, triangles = _triangles(surface, _CHORD_ERROR * spacing.min())
+        shares = volume_fractions(
+            points, triangles, image.array.shape, image.ijk_to_ras, supersampling=tuple(parts[::-1])
+        )
+        usual = _USUAL_SPREAD * spacing.min()
+        painted = self._blurred(shares, usual)
+        virtual, real = (
+            edge_width(sampler, surface, image.ijk_to_ras[:3, :3]) for sampler in (painted, Sampler(image))
+        )
+        if virtual is None or real is None:
+            return painted
+        # Held at the limits of tau: what lies behind thin walls in thick slices widens the edge in the image.
+        real = np.clip(real, LEAST_TAU_PIXELS * spacing.min(), MOST_TAU_PIXELS * spacing.min())
+        return self._blurred(shares, np.sqrt(max(usual**2 + (real**2 - virtual**2) / WIDTH_OF_BLUR**2, 0.0)))
+
+    def _blurred(self, shares: np.ndarray, deviation: float) -> Sampler:
+        """Shares on the grid of the image after a Gaussian of so many mm."""
+        deviations = deviation / np.asarray(self.image.spacing)[::-1]
+        return Sampler(Image(ndimage.gaussian_filter(shares, deviations), self.image.ijk_to_ras))
+
+
+def _triangles(surface: BSplineSurface, chord_error: float) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles that enclose as much as a surface: those with their corners on it lie farther in."""
+    mesh = triangulate(surface, chord_error=chord_error)
+    area = np.linalg.norm(area_vectors(mesh.points, mesh.triangles), axis=1).sum()
+    lack = surface.volume() - enclosed_volume(mesh.points, mesh.triangles)
+    return mesh.points + lack / area * mesh.normals, mesh.triangles
+
+
+def _distance(surface: BSplineSurface, other: BSplineSurface) -> float:
+    """How far a surface is from another one with the same parameters, along its normals, root mean square, mm."""
+    u, v = other.midpoints(*_MOVED_AT)
+    apart = surface.points(u, v) - other.points(u, v)
+    return float(np.sqrt(np.mean(np.einsum("nk,nk->n", apart, other.normals(u, v)) ** 2)))
