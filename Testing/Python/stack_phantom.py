@@ -62,7 +62,7 @@ def stack_of(
     matrix[:3, 3] = center - matrix[:3, :3] @ ((np.array(size) - 1) / 2.0)
     shape, layers = size[::-1], []
     for each in [surface] if isinstance(surface, BSplineSurface) else surface:
-        mesh = triangulate(each if motion is None else each.transformed(motion), chord_error=0.1)
+        mesh = triangulate(each if motion is None else each.transformed(motion), chord_error=0.02)
         outside = volume_fractions(mesh.points + 6.0 * mesh.normals, mesh.triangles, shape, matrix)
         inside = volume_fractions(mesh.points, mesh.triangles, shape, matrix)
         layers += [(outside, wall), (inside, inner)]

@@ -9,6 +9,7 @@ from stack_phantom import dented, motion_about, stack_of
 
 from VICRegistrationLib.registration.alignment import judged, surroundings
 from VICRegistrationLib.registration.joint_stacks import trust_of
+from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.relative_motions import relative_motions
 from VICRegistrationLib.registration.stacks import rotation_degrees
 
@@ -26,12 +27,17 @@ def sagittal(truth):
     return stack_of(truth, "sagittal", **GRID)
 
 
+def seen(image, surface, motion):
+    """What an image shows of a surface that is moved."""
+    sampler = surroundings(image, surface.transformed(motion))
+    return judged(sampler, surface, motion, volumes=PartialVolumes(sampler.image))
+
+
 def aligned(images, surface, motions, *, turns=3):
     """Motions of further images, found from others on."""
-    own = judged(surroundings(images[0], surface), surface, np.eye(4))
+    own = seen(images[0], surface, np.eye(4))
     for _ in range(turns):
-        samplers = [surroundings(image, surface.transformed(motion)) for image, motion in zip(images[1:], motions)]
-        found = [judged(sampler, surface, motion) for sampler, motion in zip(samplers, motions)]
+        found = [seen(image, surface, motion) for image, motion in zip(images[1:], motions)]
         trusts = [1.0, *(trust_of(each, own) for each in found)]
         motions, moved = relative_motions(surface, [own, *found], trusts)
     return motions, moved
@@ -74,10 +80,9 @@ def test_an_organ_that_is_fuller_is_not_turned(sagittal, truth):
 
 def test_stacks_disagree_by_what_one_of_them_shows_larger(sagittal, truth):
     fuller = truth.with_control_net(CENTER + 1.04 * (truth.control_net - CENTER))
-    own = judged(surroundings(sagittal, truth), truth, np.eye(4))
-    same, other = (
-        judged(surroundings(stack_of(shape, "axial", seed=2, **GRID), truth), truth, np.eye(4))
-        for shape in (truth, fuller)
+    own, same, other = (
+        seen(image, truth, np.eye(4))
+        for image in (sagittal, *(stack_of(shape, "axial", seed=2, **GRID) for shape in (truth, fuller)))
     )
     thicker = 0.04 * 3.0 * truth.volume() / truth.area()
     # Offsets are of first order: 0.54 mm of 0.67 mm, where partial volumes leave 0.02 mm between stacks of one shape.

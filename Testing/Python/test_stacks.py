@@ -49,8 +49,9 @@ def error(surface, truth) -> float:
 
 
 def test_a_second_stack_that_was_moved_brings_the_surface_nearer_to_the_truth(alone, both, truth):
-    # Measured: 0.039 mm, and 0.045 mm from one stack alone. With a ramp in place of partial volumes one stack is worse.
-    assert error(both.surface, truth) < min(0.95 * error(alone.surface, truth), 0.05)
+    # Measured: 0.016 mm, and 0.023 mm from one stack alone.
+    assert error(both.surface, truth) < error(alone.surface, truth)
+    assert error(both.surface, truth) < 0.02
 
 
 def test_the_motion_between_stacks_is_found(both, truth):
@@ -59,7 +60,7 @@ def test_the_motion_between_stacks_is_found(both, truth):
     assert stack.reason is None
     points = points_on(truth, 500)
     off = points @ (stack.motion - MOTION)[:3, :3].T + (stack.motion - MOTION)[:3, 3]
-    assert np.linalg.norm(off, axis=1).mean() < 0.2
+    assert np.linalg.norm(off, axis=1).mean() < 0.1
     assert np.allclose(stack.translation_mm, [2.0, -1.5, 1.5], atol=0.1)
     assert stack.rotation_degrees == pytest.approx(2.05, abs=0.3)
 
@@ -158,8 +159,7 @@ def test_a_surface_that_was_moved_is_fitted_again_to_all_stacks(sagittal, both, 
     away = both.surface.transformed(motion_about(CENTER, (0.8, 0.0, 0.0), (0, 0, 0)))
     stacks = [stack.stack for stack in both.stacks]
     again, without = (vic.refit(sagittal, away, both.options, further=further) for further in (stacks, []))
-    # Measured: 0.037 and 0.041 mm.
-    assert error(again.surface, truth) < min(0.97 * error(without.surface, truth), 0.05)
+    assert error(again.surface, truth) < 0.7 * error(without.surface, truth)
 
 
 def test_a_refit_leaves_out_a_stack_with_another_filling(sagittal, truth, alone):

@@ -37,6 +37,8 @@ SAMPLES = (24, 16)
 # round organ. With five times as much a motion of 13 mm and 11 degrees is not found whole, with none cut organs turn
 # about their own axis.
 HOLD = 2e-5
+# Partial volumes of a surface within so many pixels are taken: half of it and twice as much find the same motions.
+_NEAR_PIXELS = 0.5
 # Largest displacement of a control point at which a motion has come to rest, mm.
 _TOLERANCE = 0.02
 # How far from where a volume ends a surface that closes there is not the organ's, mm: half of it and one and a half.
@@ -232,16 +234,34 @@ def _stage(
 
 
 def judged(
-    sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, *, known: np.ndarray | None = None
+    sampler: Sampler,
+    surface: BSplineSurface,
+    motion: np.ndarray,
+    *,
+    known: np.ndarray | None = None,
+    volumes: PartialVolumes | None = None,
 ) -> Alignment:
-    """Measure how much of an edge a stack shows along a surface that is moved; `known` as in :func:`align`."""
+    """Measure how much of an edge a stack shows along a surface that is moved.
+
+    Parameters
+    ----------
+    sampler, surface, motion, known
+        As in :func:`align`.
+    volumes : PartialVolumes, optional
+        Of the stack: without them, curved edges across thick slices are not where the stack shows them, and motions
+        that are found by them are off by 0.1 to 0.2 mm.
+
+    Returns
+    -------
+    Alignment
+    """
     known = np.ones(np.prod(SAMPLES)) if known is None else known
     moved = surface.transformed(motion)
     voxel = sampler.image.ijk_to_ras[:3, :3]
     pixel = float(min(sampler.image.spacing))
     width = edge_width(sampler, moved, voxel) or TAU_PIXELS * pixel
     tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
-    shares = partial(PartialVolumes(sampler.image).along, within=0.0)
+    shares = None if volumes is None else partial(volumes.along, within=_NEAR_PIXELS * pixel)
     stage = _stage(sampler, moved, tau, shares)
     if stage is None:
         return Alignment(motion, None, 0.0, 0.0, 0.0, np.inf, *np.zeros((3, np.prod(SAMPLES))))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
+from ..imaging.sampling import Sampler
 from ..messages import Diagnostic
 from .alignment import (
     LARGEST_SHIFT_MM,
@@ -20,6 +21,7 @@ from .alignment import (
     surroundings,
 )
 from .nets import halvings_to, sampled_net
+from .partial_volumes import PartialVolumes
 from .relative_motions import relative_motions
 from .sample_grid import SampledSurface
 from .schedule import Schedule, View
@@ -32,15 +34,17 @@ _LEAST_SEEN = 0.15
 # The cost may be more before the surface was fitted to it.
 _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
 # How far edges of two stacks may be from each other where both show them, root mean square and mean, mm and pixels.
-# Seen in pixels of 0.59 mm: up to 0.22 and 0.09 mm for the demo's organs, from 0.30 and 0.26 mm (vagina), 0.46 and
-# 0.39 mm (rectum), 0.78 and 0.75 mm (bladder) where they have grown by 3 %. The mean is what another filling changes
-# most; at curved places, thick slices shift edges by more than a small organ grows, but outward and inward.
+# Seen in pixels of 0.59 mm: up to 0.08 and 0.02 mm for the demo's organs, from 0.15 and 0.13 mm (vagina), 0.33 and
+# 0.32 mm (rectum), 0.75 mm (bladder) where they have grown by 3 %; up to 0.20 and 0.17 mm for a real bladder. The mean
+# is what another filling changes most.
 _LARGEST_APART_MM, _LARGEST_APART_PIXELS = 0.35, 0.55
-_LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.24, 0.3
+_LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.2, 0.27
 # Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
 _MOSTLY_KNOWN = 0.95
 # How often the edges of stacks are compared with each other at most, and at which displacement they are at rest, mm.
 _TURNS, _AT_REST_MM = 8, 0.05
+# How far a surface may move in a stack before that is cut out around it again, mm.
+_KEPT_MM = 2.0
 # No image is taken for clearer than this mean squared residual.
 _CLEAREST = 1.0 / 60.0
 
@@ -65,6 +69,7 @@ class JointStacks:
         self._found: list[Alignment | None] = [None] * len(self.stacks)
         self._own = None
         self._fitted: set[int] = set()
+        self._kept: dict[int, tuple[np.ndarray, Sampler, PartialVolumes]] = {}
 
     def joined(
         self, schedule: Schedule, step: Step, space: SampledSurface
@@ -117,29 +122,26 @@ class JointStacks:
 
     def realigned(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
         """Find the motions of the stacks that are used again, near a surface that was fitted to all of them."""
-        used = [number for number in range(len(self.stacks)) if self._used(number)]
-        self._fitted.update(used)
-        for number in used:
-            self._judge(schedule, surface, number, self._found[number].motion)
+        self._fitted.update(self._all_used)
         return self._compared(schedule, surface)
 
     def _compared(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
         """Find the motions of the stacks that are used by each other's edges near a surface."""
-        for turn in range(_TURNS):
-            used = [number for number in range(len(self.stacks)) if self._used(number)]
+        if self._all_used:
+            self._judge_own(schedule, surface)
+        for _ in range(_TURNS):
+            for number in self._all_used:
+                self._judge(schedule, surface, number, self._found[number].motion)
+            used = self._all_used
             if not used:
                 break
-            if turn == 0:
-                self._judge_own(schedule, surface)
             found = [self._found[number] for number in used]
             trusts = [1.0, *(trust_of(each, self._own) for each in found)]
             motions, moved = relative_motions(surface, [self._own, *found], trusts)
-            if moved < _AT_REST_MM:
-                for number, motion in zip(used, motions):
-                    self._found[number] = self._found[number].at(motion)
-                break
             for number, motion in zip(used, motions):
-                self._judge(schedule, surface, number, motion)
+                self._found[number] = self._found[number].at(motion)
+            if moved < _AT_REST_MM:
+                break
         return self._with_views(schedule)
 
     def settled(self, schedule: Schedule, found: Step) -> Generator[Step, None, tuple[Schedule, Step]]:
@@ -173,10 +175,9 @@ class JointStacks:
 
     def uses(self, schedule: Schedule, surface: BSplineSurface) -> tuple[StackUse, ...]:
         """Say what became of each stack, by the surface in the end, in the frame of the fit."""
-        used = [number for number in range(len(self.stacks)) if self._used(number)]
-        if used:
+        if self._all_used:
             self._judge_own(schedule, surface)
-        for number in used:
+        for number in self._all_used:
             self._judge(schedule, surface, number, self._found[number].motion)
         center = self._center(surface)
         return tuple(
@@ -207,6 +208,10 @@ class JointStacks:
     def _used(self, number: int) -> bool:
         return self._found[number] is not None and self._reasons[number] is None
 
+    @property
+    def _all_used(self) -> list[int]:
+        return [number for number in range(len(self.stacks)) if self._used(number)]
+
     def _known(self, schedule: Schedule, surface: BSplineSurface, number: int) -> np.ndarray:
         """How well the lines of a surface are known from all other stacks that it was fitted to, (n,)."""
         others = [other for other in self._fitted if other != number and self._used(other)]
@@ -228,17 +233,26 @@ class JointStacks:
     def _judge_own(self, schedule: Schedule, surface: BSplineSurface) -> None:
         """Measure what the first stack shows of a surface."""
         known = known_lines(schedule.sampler, surface)
-        self._own = judged(schedule.sampler, surface, np.eye(4), known=known)
+        self._own = judged(schedule.sampler, surface, np.eye(4), known=known, volumes=schedule.partial_volumes)
 
     def _judge(self, schedule: Schedule, surface: BSplineSurface, number: int, motion: np.ndarray) -> None:
         """Measure what a stack shows of a surface after a motion."""
         stack, known = self.stacks[number], self._known(schedule, surface, number)
-        sampler = surroundings(self._local(stack), surface.transformed(motion), margin=LARGEST_SHIFT_MM)
-        found = self._found[number] = judged(sampler, surface, motion, known=known)
+        sampler, volumes = self._surroundings(number, surface.transformed(motion))
+        found = self._found[number] = judged(sampler, surface, motion, known=known, volumes=volumes)
         if found.view is None:
             self._reasons[number] = Diagnostic("stack_shows_little", {"share": float(found.common)})
         else:
             self._reasons[number] = self._moved_far(stack, found, surface)
+
+    def _surroundings(self, number: int, moved: BSplineSurface) -> tuple[Sampler, PartialVolumes]:
+        """Cut out a stack around a surface in it, with its partial volumes; kept while the surface hardly moves."""
+        kept = self._kept.get(number)
+        corners = np.array([extreme(moved.control_net, axis=(0, 1)) for extreme in (np.min, np.max)])
+        if kept is None or np.abs(corners - kept[0]).max() > _KEPT_MM:
+            sampler = surroundings(self._local(self.stacks[number]), moved, margin=_KEPT_MM)
+            kept = self._kept[number] = corners, sampler, PartialVolumes(sampler.image)
+        return kept[1:]
 
     def _local(self, stack: Stack) -> Image:
         """Take a stack to the frame of the fit."""
@@ -298,11 +312,12 @@ def with_stacks(
     used = [stack for stack in stacks if stack.used]
     if not used:
         return schedule
-    own = judged(schedule.sampler, surface, np.eye(4))
+    own = judged(schedule.sampler, surface, np.eye(4), volumes=schedule.partial_volumes)
     views = []
     for stack in used:
         moved = Image(stack.image.array, stack.to_first @ stack.image.ijk_to_ras)
-        found = judged(surroundings(moved, surface, points=points), surface, np.eye(4))
+        sampler = surroundings(moved, surface, points=points)
+        found = judged(sampler, surface, np.eye(4), volumes=PartialVolumes(sampler.image))
         if found.view is not None:
             views.append(trusted(found, own))
     return replace(schedule, views=tuple(views))
