@@ -40,6 +40,11 @@ def motion_about(center, shift, degrees) -> np.ndarray:
     return matrix
 
 
+# Pixels fine enough for what several stacks bring, and how the patient moves between two of them.
+GRID = {"spacing": (0.8, 0.8, 4.0), "size": (84, 84, 17)}
+MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
+
+
 def stack_of(
     surface: BSplineSurface | Sequence[BSplineSurface],
     direction: str,

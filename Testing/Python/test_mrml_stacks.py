@@ -10,14 +10,13 @@ import pytest
 from mrml_scenes import slicer
 from reorientation import motion
 from small_phantom import CENTER
-from stack_phantom import dented, motion_about, stack_of
+from stack_phantom import MOTION, dented, stack_of
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.options import FitOptions
 
 pytestmark = pytest.mark.usefixtures("cached_fits")
 
-MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
 SHIFT = np.linalg.norm([2.0, -1.5, 1.5])
 QUICK = FitOptions(net=(9, 7))
 # The organ of these small stacks in 4 mm slices is placed within this, mm.

@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from small_phantom import CENTER
-from stack_phantom import dented, motion_about, stack_of
+from stack_phantom import GRID, MOTION, dented, motion_about, stack_of
 
 from VICRegistrationLib.registration.alignment import judged, surroundings
 from VICRegistrationLib.registration.joint_stacks import trust_of
 from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.relative_motions import relative_motions
 from VICRegistrationLib.registration.stacks import rotation_degrees
-
-GRID = {"spacing": (0.8, 0.8, 4.0), "size": (84, 84, 17)}
-MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from small_phantom import CENTER
-from stack_phantom import dented, motion_about, stack_of
+from stack_phantom import GRID, MOTION, dented, motion_about, stack_of
 
 import VICRegistrationLib as vic
 from VICRegistrationLib.analysis.comparison import distances_from
@@ -14,8 +14,6 @@ from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.stacks import as_stacks
 
 SEEDS = CENTER[None]
-GRID = {"spacing": (0.8, 0.8, 4.0), "size": (84, 84, 17)}
-MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
 
 
 @pytest.fixture(scope="module")

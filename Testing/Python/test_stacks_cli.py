@@ -6,15 +6,13 @@ import json
 
 import numpy as np
 import pytest
-from small_phantom import CENTER, SEED
-from stack_phantom import dented, motion_about, stack_of
+from small_phantom import SEED
+from stack_phantom import MOTION, dented, stack_of
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.phantoms.stacks import further_stacks, write_stacks
-
-MOTION = motion_about(CENTER, (2.0, -1.5, 1.5), (1.0, -1.0, 1.5))
 
 
 @pytest.fixture(scope="module")
