@@ -39,6 +39,8 @@ BOUNDARY_TOLERANCE = 0.02
 # Smoothness before the noise is known.
 SMOOTHNESS_TO_START = 1e-5
 # Within how many pixels of a surface partial volumes of another one are taken, on the grey levels, coarse and fine.
+# Half and twice of the first change the demo's means by 0.005 mm at most, half of the second by nothing; with twice of
+# the second the demo's rectum is off by 0.08 in place of 0.06 mm.
 _NEAR_COARSE, _NEAR_FINE = 1.0, 0.125
 # Samples (u, v) of a surface by which is judged how much of it an image shows.
 _SEEN_AT = (24, 16)
