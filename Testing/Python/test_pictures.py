@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from drawn import pixels_in, pixels_of
+from scipy.spatial.transform import Rotation
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib.analysis.references import ReadReference
@@ -34,7 +35,9 @@ from VICRegistrationLib.report.slices import (
     View,
     cut,
     draw_slices,
+    orientations_of,
     slice_of,
+    views_in_own_plane,
     views_of,
 )
 
@@ -159,6 +162,26 @@ def test_the_planes_of_an_overview_cut_as_many_organs_as_they_can():
     np.testing.assert_array_equal(views[1].center, [22.0, 5.0, 5.0])
     # The middle, R 22, is beside both organs; the middle of the first is 17 mm from it, that of the second 20 mm.
     np.testing.assert_array_equal(views[2].center, [5.0, 5.0, 5.0])
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 1, 0)])
+def test_an_oblique_image_is_shown_along_its_own_axes(order):
+    """Turned by 18 degrees, image and surface look as if they were not, but for the planes' names."""
+    straight = ellipsoid_image()
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("x", 18.0, degrees=True).as_matrix()
+    axes = np.eye(4)[:, [*order, 3]]
+    turned = Image(straight.array.transpose([2 - axis for axis in order[::-1]]), turn @ straight.ijk_to_ras @ axes)
+    pictures_of = []
+    for image, surface in ((straight, ellipsoid()), (turned, ellipsoid().transformed(turn))):
+        mesh = triangulate(surface, resolution=(24, 16))
+        views = views_of([Contour(mesh, "", "")], orientations_of(image)) + views_in_own_plane(image, mesh)
+        pictures_of.append([(slice_of(Sampler(image), view, count=60), *cut(mesh, view)) for view in views])
+    for view, before, after in zip(views, *pictures_of):
+        assert view.title.split()[1] == "oblique"
+        np.testing.assert_allclose(after[0].filled(-1.0), before[0].filled(-1.0), atol=1e-4)
+        for end in (np.min, np.max):
+            np.testing.assert_allclose(end(after[1], axis=0), end(before[1], axis=0), atol=0.1)
 
 
 def test_every_point_is_in_a_slice_and_hollow_where_it_is_beside_it(image, fit):

@@ -20,11 +20,10 @@ from ..registration.organ import OrganFit
 from .contents import ComparedOrgan, ReportedModel, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
 from .pictures import overview_figure, page_figures, stack_figure
+from .slices import STRAIGHT
 
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")
-# Below it, degrees, nobody would call a stack turned.
-_STRAIGHT = 0.5
 # Letters that HTML does not allow, and halves of letters, which file names may hold and UTF-8 may not.
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
 _ENDS = {
@@ -312,5 +311,5 @@ def orientation_text(image: Image) -> str:
     along = int(np.argmax(image.spacing - 1e-6 * image.spacing.max() * np.array([2, 1, 0])))
     cosines = np.abs(directions[worlds, range(3)])
     turned = float(np.degrees(np.arccos(np.clip(cosines.min(), 0.0, 1.0))))
-    oblique = f"; turned by up to {turned:.1f}° from the patient's axes" if turned > _STRAIGHT else ""
+    oblique = f"; turned by up to {turned:.1f}° from the patient's axes" if turned > STRAIGHT else ""
     return f"{_PLANES[worlds[along]]} slices; {runs}{oblique}"

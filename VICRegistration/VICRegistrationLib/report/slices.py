@@ -1,11 +1,12 @@
-"""Slices of an image along the patient's planes, with cuts of surfaces, points, and the outline of a region."""
+"""Slices of an image along its own axes, with cuts of surfaces, points, and the outline of a region."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import polar
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
@@ -21,13 +22,15 @@ _OUTSIDE_COLOUR, _DARK, _REGION_COLOUR = "#1b1f27", "#101318", "#ffffff"
 _MARGIN_MM = 18.0
 # A point is drawn as lying in a slice if it is no farther from it: about as wide as its mark.
 _NEAR_MM = 2.0
+# Below it, degrees, nobody would call a stack oblique.
+STRAIGHT = 0.5
 # Height of the strip of names below the slices, inches.
 LEGEND_HEIGHT = 0.32
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """How a plane of the world is looked at.
+    """How a plane is looked at.
 
     Parameters
     ----------
@@ -43,12 +46,50 @@ class Orientation:
     up: tuple[float, float, float]
     labels: tuple[str, str, str, str]
 
+    @property
+    def across(self) -> np.ndarray:
+        """Unit vector (3,) from one plane to the next, RAS, towards right, anterior or superior."""
+        normal = np.cross(self.right, self.up)
+        return normal * np.sign(normal[np.argmax(np.abs(normal))])
+
+    @property
+    def axis(self) -> int:
+        """Which of R, A and S `across` is, or is nearest to, 0 to 2."""
+        return int(np.argmax(self.across))
+
 
 # Radiological convention, as in Slicer's views: right is on the left of the picture, and so is anterior if sagittal.
 AXIAL = Orientation("axial", (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), ("R", "L", "P", "A"))
 CORONAL = Orientation("coronal", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), ("R", "L", "I", "S"))
 SAGITTAL = Orientation("sagittal", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), ("A", "P", "I", "S"))
 ORIENTATIONS = (AXIAL, CORONAL, SAGITTAL)
+
+
+def orientations_of(image: Image) -> tuple[Orientation, Orientation, Orientation]:
+    """Choose how an image is shown: along its own axes, so that each picture is as sharp and as full as the image.
+
+    Parameters
+    ----------
+    image : Image
+
+    Returns
+    -------
+    tuple of Orientation
+        Nearest to axial, coronal and sagittal, with "oblique" in their names where the image is turned.
+    """
+    grid = image.canonical()
+    # What is nearest to the directions of a sheared grid and at right angles.
+    turn, _ = polar(grid.ijk_to_ras[:3, :3] / grid.spacing)
+    oblique = np.degrees(np.arccos(np.clip(np.diag(turn).min(), -1.0, 1.0))) > STRAIGHT
+    return tuple(
+        replace(
+            plane,
+            name=f"{plane.name} oblique" if oblique else plane.name,
+            right=tuple(turn @ plane.right),
+            up=tuple(turn @ plane.up),
+        )
+        for plane in ORIENTATIONS
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,14 +165,10 @@ class View:
         return x - self.half_width, x + self.half_width, y - self.half_width, y + self.half_width
 
     @property
-    def axis(self) -> int:
-        """Which of R, A and S is the same everywhere in the plane, 0 to 2."""
-        return int(np.argmax(np.abs(np.cross(self.orientation.right, self.orientation.up))))
-
-    @property
     def title(self) -> str:
-        """Name and place of the plane, such as "axial  S 12.3 mm"."""
-        return f"{self.orientation.name}  {'RAS'[self.axis]} {self.center[self.axis]:.1f} mm"
+        """Name of the plane and place of its middle, such as "axial" above "S 12.3 mm"."""
+        axis = self.orientation.axis
+        return f"{self.orientation.name}\n{'RAS'[axis]} {self.center[axis]:.1f} mm"
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Take RAS points (n, 3) to the picture's coordinates (n, 2), mm to the right and up."""
@@ -196,33 +233,34 @@ def cut(mesh: TriangleMesh | ReferenceMesh, view: View) -> list[np.ndarray]:
     return [points[line] for line in numbers]
 
 
-def views_of(contours: Sequence[Contour]) -> list[View]:
-    """Choose an axial, a coronal and a sagittal square around surfaces.
+def views_of(contours: Sequence[Contour], orientations: Sequence[Orientation] = ORIENTATIONS) -> list[View]:
+    """Choose a square of each orientation around surfaces.
 
     Parameters
     ----------
     contours : sequence of Contour
         One or more.
+    orientations : sequence of three Orientation
+        Axial, coronal and sagittal, or nearest to them.
 
     Returns
     -------
     list of View
         Of one size, in the planes nearest to the middle that cut the most of the surfaces.
     """
-    low = np.array([contour.mesh.points.min(axis=0) for contour in contours])
-    high = np.array([contour.mesh.points.max(axis=0) for contour in contours])
-    center = (low.min(axis=0) + high.max(axis=0)) / 2.0
+    low, high = _extents([contour.mesh for contour in contours], orientations)
+    middle = (low.min(axis=0) + high.max(axis=0)) / 2.0
     half_width = float((high.max(axis=0) - low.min(axis=0)).max()) / 2.0 + _MARGIN_MM
     views = []
-    for orientation in ORIENTATIONS:
-        axis, place = View(orientation, center, half_width).axis, center.copy()
-        place[axis] = _cutting_most(low[:, axis], high[:, axis], center[axis])
-        views.append(View(orientation, place, half_width))
+    for number, orientation in enumerate(orientations):
+        place = middle.copy()
+        place[number] = _cutting_most(low[:, number], high[:, number], middle[number])
+        views.append(_view(orientations, orientation, place, half_width))
     return views
 
 
 def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
-    """Choose three squares around a surface in the plane of an image's slices, or the nearest of the patient's planes.
+    """Choose three squares around a surface in the plane of an image's slices.
 
     Parameters
     ----------
@@ -235,17 +273,30 @@ def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
     list of View
         At a quarter, a half and three quarters of the surface's extent across the slices.
     """
-    across = image.ijk_to_ras[:3, int(np.argmax(image.spacing))]
-    axis = int(np.argmax(np.abs(across)))
-    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    center, half_width = (low + high) / 2.0, float((high - low).max()) / 2.0 + _MARGIN_MM
-    orientation = next(each for each in ORIENTATIONS if View(each, center, half_width).axis == axis)
+    orientations = orientations_of(image)
+    grid = image.canonical()
+    thickest = int(np.argmax(grid.spacing))
+    number = next(number for number, each in enumerate(ORIENTATIONS) if each.axis == thickest)
+    low, high = (ends[0] for ends in _extents([mesh], orientations))
+    half_width = float((high - low).max()) / 2.0 + _MARGIN_MM
     views = []
     for share in (0.25, 0.5, 0.75):
-        place = center.copy()
-        place[axis] = low[axis] + share * (high[axis] - low[axis])
-        views.append(View(orientation, place, half_width))
+        place = (low + high) / 2.0
+        place[number] = low[number] + share * (high[number] - low[number])
+        views.append(_view(orientations, orientations[number], place, half_width))
     return views
+
+
+def _extents(meshes: Sequence[TriangleMesh], orientations: Sequence[Orientation]) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest place of each mesh across each orientation's planes (n, 3), mm."""
+    across = np.array([orientation.across for orientation in orientations]).T
+    places = [mesh.points @ across for mesh in meshes]
+    return np.array([each.min(axis=0) for each in places]), np.array([each.max(axis=0) for each in places])
+
+
+def _view(orientations: Sequence[Orientation], orientation: Orientation, place: np.ndarray, half_width: float) -> View:
+    """View whose middle is given by its places across the orientations' planes (3,), mm."""
+    return View(orientation, place @ np.array([each.across for each in orientations]), half_width)
 
 
 def _cutting_most(low: np.ndarray, high: np.ndarray, middle: float) -> float:
@@ -266,7 +317,7 @@ def draw_slices(
     region: Image | None = None,
     views: Sequence[View] | None = None,
 ) -> float:
-    """Draw an axial, a coronal and a sagittal slice, or three others, side by side, on one scale, and what is in them.
+    """Draw three slices along the image's axes, or three others, side by side, on one scale, and what is in them.
 
     Parameters
     ----------
@@ -290,7 +341,8 @@ def draw_slices(
     float
         Lower edge of the legend below the slices, inches from below.
     """
-    views = views_of([contour for contour in contours if not contour.thin]) if views is None else views
+    if views is None:
+        views = views_of([contour for contour in contours if not contour.thin], orientations_of(image))
     slices = [slice_of(Sampler(image), view) for view in views]
     known = np.concatenate([grey.compressed() for grey in slices])
     window = np.percentile(known, (1.0, 99.5)) if len(known) else (0.0, 1.0)
@@ -323,7 +375,7 @@ def _draw_marks(all_axes, views: Sequence[View], marks: Sequence[Marks], near: f
     """Points in the slices within a distance of them, mm; others hollow in the nearest slice."""
     for kind in marks:
         points = np.reshape(np.asarray(kind.points, dtype=float), (-1, 3))
-        away = np.array([np.abs(points[:, view.axis] - view.center[view.axis]) for view in views])
+        away = np.array([np.abs((points - view.center) @ view.orientation.across) for view in views])
         nearest = (away == away.min(axis=0)) & (away > near)
         for axes, view, within, hollow in zip(all_axes, views, away <= near, nearest):
             for chosen, face in ((within, kind.colour), (hollow, "none")):
