@@ -36,7 +36,7 @@ from VICRegistrationLib.mrml.stacks import stacksOf
 from VICRegistrationLib.mrml.surfaces import createModel, showSurface
 from VICRegistrationLib.phantoms.painting import paint
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
-from VICRegistrationLib.registration.organ import finish
+from VICRegistrationLib.registration.steps import finish
 
 FOLDER = ROOT / "Resources" / "Screenshots"
 VIEW_SIZE = (480, 360)

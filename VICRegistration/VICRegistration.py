@@ -16,7 +16,7 @@ from slicer.ScriptedLoadableModule import (
 )
 from slicer.util import VTKObservationMixin
 
-from VICRegistrationLib.mrml import colors, comparing, fitting, references, samples, surfaces, volumes
+from VICRegistrationLib.mrml import colors, comparing, fitting, references, samples, separating, surfaces, volumes
 from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf, modelOf, seedsOf, volumeOf
 from VICRegistrationLib.mrml.organs import Organs
 from VICRegistrationLib.mrml.parameters import ModuleParameters, RegionSource
@@ -168,7 +168,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         with self._added(
             volumeNode, seeds, thresholds, name=name, erosion=erosion, dilation=dilation, segment=segment
         ) as organ:
-            fitting.separateOrgan(organ, volumeNode)
+            separating.separateOrgan(organ, volumeNode)
         return organ
 
     def fit(
@@ -208,7 +208,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         ValueError
             If the organ cannot be separated or fitted; nothing is added then.
         """
-        from VICRegistrationLib.registration.organ import finish
+        from VICRegistrationLib.registration.steps import finish
 
         with self._added(volumeNode, seeds, thresholds, **rest) as made:
             if options is not None:
@@ -238,7 +238,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         ValueError
             If the organ has no surface yet, or cannot be fitted.
         """
-        from VICRegistrationLib.registration.organ import finish
+        from VICRegistrationLib.registration.steps import finish
 
         volumeNode = volumeOf(organ) or self.getParameterNode().volume
         volumes.imageFromVolume(volumeNode)

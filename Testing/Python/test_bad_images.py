@@ -16,7 +16,8 @@ from VICRegistrationLib.imaging.moments import moments
 from VICRegistrationLib.imaging.morphology import erode
 from VICRegistrationLib.imaging.reading import read_image, write_image
 from VICRegistrationLib.imaging.region import Region, region_from_mask
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.threshold import suggest_threshold
 

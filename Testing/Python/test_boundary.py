@@ -15,8 +15,9 @@ from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.boundary import boundary_deviations
 from VICRegistrationLib.registration.nets import closure_of, net_of, refined
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 SEED = CENTER[None]

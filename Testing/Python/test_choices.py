@@ -14,7 +14,9 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.edge_width import edge_width
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")

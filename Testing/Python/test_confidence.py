@@ -13,7 +13,9 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.confidence import confidence_of
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
+from VICRegistrationLib.registration.steps import finish
 
 RADIUS, INSIDE, OUTSIDE = 20.0, 200.0, 80.0
 

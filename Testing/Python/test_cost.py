@@ -14,8 +14,9 @@ from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.cost import Correlation, Objective, sample_shares
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage, cosine_ramp
 
 AXES = np.array([[15.0, 2.0, 0.0], [-1.5, 11.0, 1.0], [0.0, 2.5, 20.0]])

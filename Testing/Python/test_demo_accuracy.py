@@ -9,7 +9,9 @@ from robustness import ALLOWED_MM, trials
 
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 ORGANS = ("bladder", "vagina", "rectum")

@@ -9,7 +9,9 @@ from small_phantom import CENTER, ellipsoid_image
 
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.diagnostics import border_sides, fit_diagnostics
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 

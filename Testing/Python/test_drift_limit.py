@@ -9,8 +9,9 @@ from small_phantom import CENTER, ellipsoid
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.drift_limit import drift
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.region_image import RegionImage
+from VICRegistrationLib.registration.steps import finish
 
 
 def drifted(surface):

@@ -19,6 +19,7 @@ from VICRegistrationLib.export.step import step_text
 from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface_file import read_surface, write_surface
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.registration import organ_fit
 
 pytestmark = pytest.mark.usefixtures("one_net")
 
@@ -230,11 +231,9 @@ def test_a_fit_writes_solids_and_their_assembly(image_path, out):
 
 
 def test_a_fit_that_is_no_solid_gets_no_step_file_and_a_warning(image_path, out, monkeypatch, capsys):
-    from VICRegistrationLib.registration import organ as organ_module
-
-    check = organ_module.check_surface
+    check = organ_fit.check_surface
     problems = iter([check(bell())])
-    monkeypatch.setattr(organ_module, "check_surface", lambda surface: next(problems, ()))
+    monkeypatch.setattr(organ_fit, "check_surface", lambda surface: next(problems, ()))
     assert fit(image_path, out, "--step") == 0
     assert [name for name in names(out) if name.endswith(".step")] == ["copy.step"]
     assert "bladder: warning: there is no bladder.step" in capsys.readouterr().err

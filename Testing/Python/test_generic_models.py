@@ -17,8 +17,9 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.moments import moments
 from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.region_image import region_image
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 NET = (9, 7)

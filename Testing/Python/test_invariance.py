@@ -11,7 +11,9 @@ from reorientation import motion, reordered
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 ORGANS = ("bladder", "vagina", "rectum")
 # Asked for: 1e-3 mm for axes in another order and 0.02 mm for rotations. Measured: 1e-11 mm, because everything happens

@@ -14,9 +14,10 @@ from VICRegistrationLib.imaging.morphology import dilate
 from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration import organ as organ_module
 from VICRegistrationLib.registration.choices import Choice
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.region_image import region_image
 from VICRegistrationLib.registration.region_surface import closed_surface
+from VICRegistrationLib.registration.steps import finish
 
 HALF = 30
 

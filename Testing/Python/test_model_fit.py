@@ -13,7 +13,7 @@ from VICRegistrationLib.multipatch.check import check_model
 from VICRegistrationLib.multipatch.fit import fit_model
 from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 

@@ -13,7 +13,7 @@ from VICRegistrationLib.geometry.space_deformation import CardinalDeformation
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.multipatch.carrying import CarryingMap
 from VICRegistrationLib.multipatch.joint import CENTERS, JointSpace, projected, spread_centers
-from VICRegistrationLib.registration.organ import finish
+from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")

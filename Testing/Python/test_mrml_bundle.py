@@ -207,7 +207,7 @@ def test_table_columns_and_plot_come_back(logic, through_a_bundle):
 
 def test_work_goes_on_after_loading(logic, through_a_bundle):
     from VICRegistrationLib.mrml.fitting import fitSteps
-    from VICRegistrationLib.registration.organ import finish
+    from VICRegistrationLib.registration.steps import finish
 
     organ = logic.fit(mrml_scenes.add_volume(), [CENTER])
     net = logic.surface(organ).control_net

@@ -150,7 +150,7 @@ def test_a_fit_brings_its_standard_deviation_along(logic):
     assert display.GetScalarRange() == shown
     # A new fit has such numbers as well, and goes on showing them.
     from VICRegistrationLib.mrml.fitting import fitSteps
-    from VICRegistrationLib.registration.organ import finish
+    from VICRegistrationLib.registration.steps import finish
 
     finish(fitSteps(organ, volume))
     assert display.GetScalarVisibility()

@@ -165,7 +165,7 @@ def test_thresholds_erosion_and_options_are_used(logic):
 
 def test_what_the_fit_has_chosen_is_shown(logic):
     from VICRegistrationLib.mrml.fitting import fitSteps
-    from VICRegistrationLib.registration.organ import finish
+    from VICRegistrationLib.registration.steps import finish
 
     volume = mrml_scenes.add_volume()
     organ = logic.addOrgan(volume, [CENTER])
@@ -196,7 +196,7 @@ def test_boundary_points_do_not_change_the_net_that_is_shown(logic):
 
 def test_fitting_again_gives_the_same_surface_in_the_same_nodes(logic):
     from VICRegistrationLib.mrml.fitting import fitSteps
-    from VICRegistrationLib.registration.organ import finish
+    from VICRegistrationLib.registration.steps import finish
 
     volume = mrml_scenes.add_volume()
     organ = logic.fit(volume, [CENTER])

@@ -51,7 +51,7 @@ def test_a_fit_leaves_no_observer(logic, scene, kind, end):
 
 
 def test_preview_and_errors_leave_no_observer(logic, scene):
-    from VICRegistrationLib.mrml.fitting import separateOrgan
+    from VICRegistrationLib.mrml.separating import separateOrgan
 
     volume = mrml_scenes.add_volume()
     organ = logic.fit(volume, [CENTER])

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("cached_fits")
 @pytest.fixture
 def separated(slicer_module):
     """Separate an organ as the panel's preview does."""
-    from VICRegistrationLib.mrml.fitting import separateOrgan
+    from VICRegistrationLib.mrml.separating import separateOrgan
 
     return separateOrgan
 

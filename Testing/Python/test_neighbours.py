@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 RADIUS, LUMEN, WALL, TISSUE = 20.0, 900.0, 170.0, 450.0
 

@@ -12,8 +12,10 @@ from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.finer_nets import first_net, noise_share
 from VICRegistrationLib.registration.nets import net_of
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 
 
 def choices(fit):

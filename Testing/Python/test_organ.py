@@ -11,7 +11,9 @@ from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 SEED = CENTER[None]

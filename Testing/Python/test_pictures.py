@@ -20,8 +20,9 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.organ_colours import ORGAN_COLOURS, rgb
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.report import pictures
 from VICRegistrationLib.report.contents import ReportedOrgan, compared_organ, fine_mesh
 from VICRegistrationLib.report.figure import axes_at, blank_figure, jpeg_bytes, require_packages, save_figure

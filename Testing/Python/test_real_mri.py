@@ -14,7 +14,8 @@ from hippocampus import farthest_from_start, load_hippocampus
 from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
-from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
+from VICRegistrationLib.registration.steps import finish
 
 
 class Fitted:

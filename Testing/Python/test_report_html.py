@@ -22,7 +22,8 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.choices import Choice
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.report.contents import ReportedOrgan, Source, compared_organ
 from VICRegistrationLib.report.page import orientation_text, report_html, volume_text
 

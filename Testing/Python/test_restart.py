@@ -11,8 +11,9 @@ from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.boundary import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,8 @@ from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
-from VICRegistrationLib.registration.organ import finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
+from VICRegistrationLib.registration.steps import finish
 
 N_POINTS = 10_000
 # Voxels have no normals of their own: the label is blurred by a Gaussian of four pixels or two slices first.

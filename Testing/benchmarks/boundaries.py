@@ -14,8 +14,10 @@ from VICRegistrationLib.imaging.boxes import ball_radius
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.boundary import boundary_deviations
-from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ, fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
+from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 
 HEIGHT_MM = 5.0
 # Places (u, v) on the surface: in the middle, on the seam, at the poles, and beside one.

@@ -14,7 +14,8 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.registration.verdict import VERDICTS, verdict_of
 
 N_CLICKS, N_POINTS = 300, 1500

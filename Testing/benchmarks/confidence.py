@@ -10,7 +10,9 @@ from measuring import table
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.phantoms.pelvis import PelvisPhantom, pelvis_phantom
-from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.organ_fit import OrganFit
+from VICRegistrationLib.registration.steps import finish
 
 NOISES = (0.02, 0.04, 0.06, 0.08, 0.10)
 N_PHANTOMS = 67

@@ -11,8 +11,9 @@ from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.registration.boundary import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.steps import finish
 
 N_POINTS = 4000
 # Numbers of points after which distances are printed.

@@ -12,7 +12,9 @@ from surfaces import contour_in_world, smoothed_contour
 
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.distances import Reference, ReferenceMesh, closed_mesh, points_on
-from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.organ_fit import OrganFit
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.edge_support import agreement
 
 N_PLACES = 8

@@ -13,9 +13,10 @@ from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
 from VICRegistrationLib.registration.stages import Stage, run_stage
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage
 from VICRegistrationLib.segmentation.separation import separate
 

@@ -14,7 +14,9 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.region import Region, region_from_box, region_from_mask
-from VICRegistrationLib.registration.organ import OrganFit, finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.organ_fit import OrganFit
+from VICRegistrationLib.registration.steps import finish
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "hippocampus"
 NAMES = ("001", "004", "006")

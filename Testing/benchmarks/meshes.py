@@ -18,7 +18,8 @@ from VICRegistrationLib.meshing.process import MeshingError
 from VICRegistrationLib.meshing.quality import quality
 from VICRegistrationLib.meshing.regions import MeshOptions
 from VICRegistrationLib.phantoms.organs import pelvic_organs
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 # The least scaled Jacobian that a mesh shall have.
 WANTED = 0.15

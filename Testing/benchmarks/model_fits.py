@@ -25,7 +25,8 @@ from VICRegistrationLib.multipatch.pelvis import pelvis
 from VICRegistrationLib.phantoms.organs import pelvic_organs, seeds_inside
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import finish, fit_region
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 N_MAPS, N_POINTS, N_SLICES = 6, 4000, 32

@@ -9,7 +9,9 @@ from bladders import bladders
 from measuring import table
 
 from VICRegistrationLib.messages import sentences
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 NETS = ((9, 7), (17, 11), (33, 19))

@@ -6,7 +6,8 @@ import numpy as np
 from measuring import table
 
 from VICRegistrationLib.phantoms.pelvis import PelvisPhantom, pelvis_phantom
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 PIXELS_MM = (0.5, 0.7, 0.9, 1.0)
 SLICES_MM = (1.0, 2.0, 3.0, 4.0, 5.0)

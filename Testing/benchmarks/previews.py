@@ -55,7 +55,7 @@ def preview_seconds(image: Image, repeats: int) -> dict[str, list[float]]:
     import slicer
 
     from VICRegistration import VICRegistrationLogic
-    from VICRegistrationLib.mrml.fitting import separateOrgan
+    from VICRegistrationLib.mrml.separating import separateOrgan
 
     module = loadModule(_ROOT / "VICRegistration" / "VICRegistration.py")
     try:

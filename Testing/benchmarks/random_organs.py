@@ -14,7 +14,8 @@ from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.painting import paint
-from VICRegistrationLib.registration.organ import finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 INSIDE, OUTSIDE = 800.0, 200.0
 SPACING, NOISE, MARGIN_MM = (0.8, 0.8, 3.0), 40.0, 12.0

@@ -11,7 +11,9 @@ from VICRegistrationLib.analysis.distances import Deviation, deviation
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.phantoms.pelvis import LUMEN_LEVELS, WALL, PelvisPhantom, pelvis_phantom
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_organ
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.steps import finish
 
 # Of the contrast between urine and wall, up or down; both ends of the grey levels by themselves.
 MOVED = 0.15

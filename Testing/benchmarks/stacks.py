@@ -14,8 +14,10 @@ from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.pelvis import PelvisPhantom, pelvis_phantom
 from VICRegistrationLib.phantoms.stacks import PhantomStack, further_stacks
-from VICRegistrationLib.registration.organ import OrganFit, finish, fit_organ
+from VICRegistrationLib.registration.organ import fit_organ
+from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.stacks import StackUse
+from VICRegistrationLib.registration.steps import finish
 
 SEEDS, SHIFT_MM, TURN_DEGREES = 5, 3.0, 2.0
 N_POINTS = 4000

@@ -16,7 +16,9 @@ from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 from VICRegistrationLib.analysis.distances import turned_alike
 from VICRegistrationLib.export.surface_data import triangles_in
 from VICRegistrationLib.imaging.region import Region
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 
 # Slicer's closed surface conversion with its default smoothing factor.
 SMOOTHING_FACTOR = 0.5

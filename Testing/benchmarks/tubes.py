@@ -11,7 +11,9 @@ from scipy.spatial import cKDTree
 from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.registration.organ import FitOptions, finish, fit_region
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.steps import finish
 
 LENGTH_MM, RADIUS_MM = 110.0, 11.0
 BENDS = (60, 100, 140, 180, 220, 260)

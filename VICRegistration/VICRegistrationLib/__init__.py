@@ -25,7 +25,7 @@ _MODULES = {
     "FitOptions": "registration.options",
     "Image": "imaging.image",
     "MultiPatchModel": "multipatch.model",
-    "OrganFit": "registration.organ",
+    "OrganFit": "registration.organ_fit",
     "Region": "imaging.region",
     "Stack": "registration.stacks",
     "compare": "api",

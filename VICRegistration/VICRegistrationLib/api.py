@@ -16,9 +16,10 @@ from .imaging.region import Region
 from .registration import organ
 from .registration import refit as refitting
 from .registration.options import FitOptions
-from .registration.organ import OrganFit, finish
+from .registration.organ_fit import OrganFit
 from .registration.stacks import Stack
 from .registration.stages import Step
+from .registration.steps import finish
 
 if TYPE_CHECKING:
     from .analysis.comparison import Comparison

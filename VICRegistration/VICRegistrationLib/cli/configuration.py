@@ -107,7 +107,7 @@ def organ_request(
     region, label, also : optional
         See :class:`OrganRequest`.
     **options
-        Fields of :class:`..registration.organ.FitOptions`; those that are None are left to their defaults.
+        Fields of :class:`..registration.options.FitOptions`; those that are None are left to their defaults.
 
     Returns
     -------

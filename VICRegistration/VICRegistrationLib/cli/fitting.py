@@ -13,9 +13,10 @@ from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
 from ..imaging.volumes import SeveralVolumes
 from ..registration.diagnostics import fit_diagnostics
-from ..registration.organ import finish, fit_region
+from ..registration.organ import fit_region
 from ..registration.stacks import Stack, StackUse
 from ..registration.stages import Step
+from ..registration.steps import finish
 from ..registration.verdict import GOOD, verdict_of
 from ..report.figure import require_packages
 from ..segmentation.separation import separate

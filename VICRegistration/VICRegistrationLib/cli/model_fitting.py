@@ -14,8 +14,8 @@ from ..multipatch.fit import ModelFit, check_organs, fit_model
 from ..multipatch.landmarks import check_names, read_landmarks
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
-from ..registration.organ import finish
 from ..registration.stacks import Stack
+from ..registration.steps import finish
 from ..report.figure import require_packages
 from . import validators
 from .configuration import OrganRequest, files_of, read_requests

@@ -23,7 +23,7 @@ from ..registration.choices import Choice
 from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text
 from ..registration.options import FitOptions
-from ..registration.organ import OrganFit
+from ..registration.organ_fit import OrganFit
 from ..registration.stages import Step
 from ..registration.verdict import verdict_of
 from .stack_entries import restored_stack, stack_entry

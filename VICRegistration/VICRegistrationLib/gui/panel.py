@@ -7,11 +7,12 @@ import slicer
 import vtk
 from slicer.util import VTKObservationMixin
 
-from ..mrml.fitting import canBeSeparated, updateVolume
+from ..mrml.fitting import updateVolume
 from ..mrml.generic_model_nodes import followVolumeWithModel
 from ..mrml.organ_nodes import followVolume, volumeOf
 from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
+from ..mrml.separating import canBeSeparated
 from ..mrml.stack_contours import followStacks
 from ..mrml.volumes import greyVolumes, showInSlices
 from .advanced_section import AdvancedSection

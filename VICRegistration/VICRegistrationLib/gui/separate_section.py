@@ -12,10 +12,10 @@ from slicer.i18n import tr as _
 from slicer.parameterNodeWrapper import FloatRange
 from slicer.util import VTKObservationMixin
 
-from ..mrml.fitting import canBeSeparated, separateOrgan
 from ..mrml.organ_nodes import hasSegment, seedsOf, setRegionVisible
 from ..mrml.parameters import RegionSource
 from ..mrml.points import markedPoints, placingEvents
+from ..mrml.separating import canBeSeparated, separateOrgan
 from .binding import Binding
 from .form import showRow
 from .message_label import MessageLabel

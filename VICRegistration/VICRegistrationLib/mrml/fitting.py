@@ -1,4 +1,4 @@
-"""Separating, fitting and correcting an organ of the scene, step by step."""
+"""Fitting and correcting an organ of the scene, step by step."""
 
 from __future__ import annotations
 
@@ -7,42 +7,15 @@ from slicer.i18n import tr as _
 
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
-from .organ_nodes import convergenceOf, followVolume, hasSegment, modelOf, removeNodes, segmentOf, setRegionVisible
-from .parameters import OrganState, RegionSource
-from .points import labelPoints, markedPoints
-from .regions import regionFromSegment, regionVolumeMl, showRegion
+from .organ_nodes import convergenceOf, followVolume, modelOf, removeNodes, setRegionVisible
+from .parameters import OrganState
+from .points import labelPoints
 from .sentences import sentence
+from .separating import imageAndRegion
 from .stack_contours import showStackContours
 from .stacks import keepStacks, leftOutSentences, stacksOf, stacksToFit, wallPoints
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
 from .volumes import imageFromVolume
-
-
-def separateOrgan(organ, volumeNode):
-    """Separate an organ and show its region.
-
-    Parameters
-    ----------
-    organ : OrganParameters
-        A threshold that is automatic is set to the suggestion.
-    volumeNode : vtkMRMLScalarVolumeNode
-
-    Returns
-    -------
-    region : VICRegistrationLib.imaging.region.Region
-    warnings : list of str
-        What looks wrong with it.
-
-    Raises
-    ------
-    ValueError
-        If the organ cannot be separated; its segment is then empty.
-    """
-    from ..registration.diagnostics import region_diagnostics
-
-    image, region = _separated(organ, volumeNode)
-    warnings = [sentence(diagnostic) for diagnostic in region_diagnostics(image, region)]
-    return region, warnings + _seedWarnings(organ, volumeNode, image, region)
 
 
 def fitSteps(organ, volumeNode, furtherStacks=()):
@@ -62,7 +35,7 @@ def fitSteps(organ, volumeNode, furtherStacks=()):
 
     Returns
     -------
-    VICRegistrationLib.registration.organ.OrganFit
+    VICRegistrationLib.registration.organ_fit.OrganFit
 
     Raises
     ------
@@ -72,7 +45,7 @@ def fitSteps(organ, volumeNode, furtherStacks=()):
     from ..registration.organ import fit_region
 
     with _Bookkeeping(organ, volumeNode, furtherStacks) as book:
-        image, region = _separated(organ, volumeNode)
+        image, region = imageAndRegion(organ, volumeNode)
         given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": book.stacks()}
         return (yield from book.followed(image, fit_region(image, region, organ.options(), **given)))
 
@@ -92,7 +65,7 @@ def refitSteps(organ, volumeNode):
 
     Returns
     -------
-    VICRegistrationLib.registration.organ.OrganFit
+    VICRegistrationLib.registration.organ_fit.OrganFit
 
     Raises
     ------
@@ -162,22 +135,6 @@ def updateVolume(organ):
     surface = surfaceIfAny(organ.surface) if fitted else None
     if surface is not None:
         organ.volumeMl = float(worldVolumeMl(organ.surface, surface))
-
-
-def canBeSeparated(organ):
-    """Whether an organ has what its separation starts from.
-
-    Parameters
-    ----------
-    organ : OrganParameters
-
-    Returns
-    -------
-    bool
-    """
-    if organ.source is RegionSource.SEGMENT:
-        return organ.inputSegmentation is not None and bool(organ.inputSegmentId)
-    return organ.seeds is not None and organ.seeds.GetNumberOfDefinedControlPoints() > 0
 
 
 def checkedSteps(steps, check, shown=lambda step: step):
@@ -347,69 +304,6 @@ def _isThere(node):
     return node is not None and node.GetScene() is not None
 
 
-def _separated(organ, volumeNode):
-    """Separate an organ, show its region and remember what was found by itself; the image and the region."""
-    try:
-        image = imageFromVolume(volumeNode)
-        region = _regionOf(organ, volumeNode, image)
-    except ValueError:
-        if hasSegment(organ):
-            showRegion(organ.regions, organ.regionSegmentId, None)
-        raise
-    # One event for everything: who follows the organ looks at all of it every time.
-    with slicer.util.NodeModify(organ.parameterNode):
-        segmentationNode, segmentId = segmentOf(organ, volumeNode)
-        showRegion(segmentationNode, segmentId, region)
-        if region.threshold is not None and organ.thresholdAutomatic:
-            _setThreshold(organ, region.threshold)
-        if region.erosion is not None and organ.erosionAutomatic:
-            organ.erosionMm = float(region.erosion)
-        if organ.state in (OrganState.NEW, OrganState.FAILED):
-            organ.state = OrganState.SEPARATED
-        if organ.surface is None:
-            organ.volumeMl = regionVolumeMl(region, volumeNode)
-    return image, region
-
-
-def _regionOf(organ, volumeNode, image):
-    from ..segmentation.separation import separate
-
-    if organ.source is RegionSource.SEGMENT:
-        return regionFromSegment(organ.inputSegmentation, organ.inputSegmentId, volumeNode, image)
-    seeds = markedPoints(organ.seeds, volumeNode)
-    if not len(seeds):
-        raise ValueError(
-            _("The organ {name} has no seed; one is needed. Place a point inside the organ.").format(name=organ.label)
-        )
-    options = organ.options()
-    return separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
-
-
-def _setThreshold(organ, threshold):
-    from slicer.parameterNodeWrapper import FloatRange
-
-    low, high = (float(level) for level in threshold)
-    if (organ.threshold.minimum, organ.threshold.maximum) != (low, high):
-        organ.threshold = FloatRange(low, high)
-
-
 def _boundaryPoints(organ, volumeNode):
     points = wallPoints(organ, volumeNode)
     return points if len(points) else None
-
-
-def _seedWarnings(organ, volumeNode, image, region):
-    """Warn of seeds outside of a region that was not separated from them."""
-    import numpy as np
-
-    if organ.source is not RegionSource.SEGMENT:
-        return []
-    seeds = markedPoints(organ.seeds, volumeNode)
-    if not len(seeds):
-        return []
-    voxels = np.rint(image.to_ijk(seeds)[:, ::-1]).astype(int) - np.asarray(region.offset)
-    within = np.all((voxels >= 0) & (voxels < region.mask.shape), axis=1)
-    held = [bool(region.mask[tuple(voxel)]) for voxel in voxels[within]]
-    if all(held) and all(within):
-        return []
-    return [_("The segment does not hold every seed; check that it is the right one.")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from slicer.i18n import tr as _
 
-from .fitting import checkedSteps, checkInScene, separateOrgan
+from .fitting import checkedSteps, checkInScene
 from .generic_model import GenericModelParameters, modelNamed, pairedOrgans, placedLandmarks
 from .generic_model_nodes import showModel
 from .organ_nodes import setRegionVisible
@@ -14,6 +14,7 @@ from .organs import Organs
 from .parameters import ModuleParameters
 from .points import placedPoints
 from .sentences import sentence
+from .separating import separateOrgan
 from .stacks import leftOutSentences, stacksToFit
 from .volumes import imageFromVolume
 
@@ -56,7 +57,7 @@ def fitModel(parameters, volumeNode, model="pelvis", landmarks=None, *, onStep=N
     ValueError
         If the model cannot be fitted; an earlier result stays.
     """
-    from ..registration.organ import finish
+    from ..registration.steps import finish
 
     chosen = GenericModelParameters(parameters.parameterNode)
     chosen.modelName, chosen.modelLandmarks = model, landmarks

@@ -19,7 +19,7 @@ from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..registration.nets import closure_of
 from ..registration.options import FitOptions
-from ..registration.organ import OrganFit
+from ..registration.organ_fit import OrganFit
 from ..registration.region_image import region_image
 from ..registration.schedule import REGION_MARGIN_MM
 from ..registration.stacks import Stack, stacks_beside

@@ -31,11 +31,13 @@ from ..registration.drift_limit import within_drift_limit
 from ..registration.joint_stacks import JointStacks
 from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
-from ..registration.organ import OrganFit, Outcome, complete_region, completed, mapped, recorded
+from ..registration.organ import Outcome, complete_region, completed
+from ..registration.organ_fit import OrganFit
 from ..registration.region_image import RegionImage
 from ..registration.schedule import Schedule
 from ..registration.stacks import Stack
 from ..registration.stages import Step, last_step
+from ..registration.steps import mapped, recorded
 from ..segmentation.checks import check_scale
 from .joint import CLOSURE, JointSpace, JointStep
 from .placement import Placement, SolidMoments, place

@@ -21,10 +21,11 @@ from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .cost import Objective
 from .edge_width import edge_width
+from .levels import measured_levels
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS
 from .partial_volumes import PartialVolumes
 from .sample_grid import SampledSurface, SampleGrid
-from .schedule import View, crop_around, measured_levels
+from .schedule import View, crop_around
 from .stages import Stage, iterate_stage
 from .virtual_image import IntensityProfile, VirtualImage
 

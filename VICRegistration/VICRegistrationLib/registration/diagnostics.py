@@ -6,7 +6,7 @@ from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
 from ..imaging.region import Region
 from ..messages import Diagnostic
-from .organ import OrganFit
+from .organ_fit import OrganFit
 
 # Mean squared difference between the image and an edge, over the squared contrast.
 _POOR_COST = 0.5

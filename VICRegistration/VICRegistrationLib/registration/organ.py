@@ -17,9 +17,8 @@ volume lies in the world nor on the order of its axes in memory.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -27,7 +26,6 @@ import numpy as np
 from ..geometry.models import generic_model
 from ..geometry.parametrization import affine
 from ..geometry.surface import BSplineSurface
-from ..geometry.validity import Problem, check_surface
 from ..imaging.image import Image, as_image
 from ..imaging.moments import moments
 from ..imaging.region import Region
@@ -37,118 +35,22 @@ from ..segmentation.separation import separate
 from .boundary import checked_boundary_points
 from .choices import Choice, choose_by
 from .completion import completed_region
-from .confidence import Confidence, confidence_of
 from .correction import correct
-from .drift_limit import left_out, valid_at_last, within_drift_limit
+from .drift_limit import valid_at_last, within_drift_limit
 from .finer_nets import first_net, fit_finer
 from .joint_stacks import JointStacks
 from .nets import halvings_to, net_of, net_text, sampled_net
 from .options import FitOptions
+from .organ_fit import OrganFit
 from .restart import contradicted, explains, region_through
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
 from .stages import Step, last_step
+from .steps import recorded
 
 # Of a fit of any kind: its steps, and its result.
 _S, _R = TypeVar("_S"), TypeVar("_R")
-
-
-@dataclass(frozen=True, eq=False)
-class OrganFit:
-    """A fitted organ.
-
-    Parameters
-    ----------
-    surface : BSplineSurface
-        RAS mm, outward normals.
-    region : Region or None
-        The separated region it started from; None after :func:`.refit.refit` without one. Where boundary points lie so
-        far off that the start has failed, the one through them.
-    history : tuple of Step
-        All iterations.
-    converged : bool
-        Whether the last stage on the grey levels met its stop rule, and that of the boundary points if there were any.
-    cost_initial, cost_final : float
-        Cost of the generic model as placed (of the given surface after :func:`.refit.refit`), seen with the levels of
-        the last stage on the grey levels, and of the last step: mean squared residual in units of the contrast between
-        inside and outside.
-    seconds : float
-        Time from the separated region or the given surface to the surface.
-    options : FitOptions
-        As used, with automatic choices filled in. ``net`` is that of `surface`: finer than asked for where boundary
-        points needed it.
-    boundary_points : (n, 3) ndarray
-        The points that pulled the surface, RAS mm; none without points or with weight 0.
-    uncorrected : BSplineSurface
-        The surface before the boundary points were looked at: to start from when one of them is removed.
-    choices : tuple of Choice
-        What was chosen for the net, tau and the smoothness, and why.
-    image : Image
-        The grey levels that it was fitted to.
-    stacks : tuple of StackUse
-        What became of each further stack, in the order in which they were given.
-    whole_region : Region or None
-        The region completed by what further stacks show beyond the border of the first one, on its grid continued;
-        None where nothing was added.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import VICRegistrationLib as vic
-    >>> distance = 2.0 * np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0)
-    >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
-    >>> fit = vic.fit(image, [[23, 23, 23]], net=(9, 7))
-    >>> print(f"{fit.surface.volume() / 1000.0:.1f} ml")
-    17.2 ml
-    >>> fit.problems
-    ()
-    >>> bool(fit.confidence.volume_sd_ml < 1.0)
-    True
-    """
-
-    surface: BSplineSurface
-    region: Region | None
-    history: tuple[Step, ...]
-    converged: bool
-    cost_initial: float
-    cost_final: float
-    seconds: float
-    options: FitOptions
-    boundary_points: np.ndarray
-    uncorrected: BSplineSurface
-    choices: tuple[Choice, ...]
-    image: Image
-    stacks: tuple[StackUse, ...] = ()
-    whole_region: Region | None = None
-
-    def __repr__(self) -> str:
-        """Show the result in one line."""
-        end = "converged" if self.converged else "not converged"
-        return (
-            f"OrganFit({self.surface.volume() / 1000.0:.3g} ml, net {net_text(self.options.net)}, {end} after "
-            f"{self.iterations} iterations, cost {self.cost_final:.3g}, {self.seconds:.2g} s)"
-        )
-
-    @cached_property
-    def problems(self) -> tuple[Problem, ...]:
-        """What is wrong with the surface; empty when it is a valid solid."""
-        return check_surface(self.surface)
-
-    @cached_property
-    def confidence(self) -> Confidence:
-        """How sure the surface is, point by point."""
-        return confidence_of(self.image, self.surface, self.options, stacks=self.stacks)
-
-    @cached_property
-    def left_out(self) -> tuple[float, str]:
-        """How far the region reaches beyond the surface, mm, and at which side; see :func:`.drift_limit.left_out`."""
-        return (0.0, "") if self.region is None else left_out(self.surface, self.whole_region or self.region)
-
-    @property
-    def iterations(self) -> int:
-        """Number of iterations of all stages."""
-        return len(self.history)
 
 
 def fit_organ(
@@ -372,46 +274,6 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
     return schedule.fine.cost_of(space.at(found), model)
 
 
-def recorded(
-    steps: Generator[Step, None, _R], history: list[Step], *, local_to_ras: np.ndarray | None = None, prefix: str = ""
-) -> Generator[Step, None, _R]:
-    """Add all steps to a history, with their surfaces in RAS mm and a prefix; returns what the steps return."""
-
-    def record(step: Step) -> Step:
-        if local_to_ras is not None:
-            step = replace(step, surface=step.surface.transformed(local_to_ras))
-        if prefix:
-            step = replace(step, stage=f"{prefix}{step.stage}")
-        history.append(step)
-        return step
-
-    return mapped(steps, record)
-
-
-def mapped(steps: Generator[_S, None, _R], function: Callable[[_S], object]) -> Generator[object, None, _R]:
-    """Yield what a function makes of each step; returns what the steps return.
-
-    Parameters
-    ----------
-    steps : generator
-    function : callable
-
-    Yields
-    ------
-    object
-
-    Returns
-    -------
-    object
-    """
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            return end.value
-        yield function(step)
-
-
 def pulling(points: np.ndarray, options: FitOptions) -> np.ndarray:
     """Boundary points that count: none if their weight is 0."""
     return points if options.boundary_weight > 0.0 else points[:0]
@@ -516,34 +378,3 @@ def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:
     """Say that boundary points needed a finer net than the one that was chosen."""
     reason = Diagnostic("made_finer", {"net": choice.value})
     return replace(choice, value=net_text(net), reasons=(*choice.reasons, reason))
-
-
-def finish(steps: Generator[_S, None, _R], on_step: Callable[[_S], None] | None = None) -> _R:
-    """Run a fit to its end.
-
-    Parameters
-    ----------
-    steps : generator
-        From :func:`fit_organ`, :func:`fit_region`, :func:`.refit.refit` or :func:`.multipatch.fit.fit_model`.
-    on_step : callable, optional
-        Called with every step.
-
-    Returns
-    -------
-    OrganFit or ModelFit
-
-    Raises
-    ------
-    ValueError
-        If the generator was used up before.
-    """
-    while True:
-        try:
-            step = next(steps)
-        except StopIteration as end:
-            if end.value is None:
-                msg = "The fit had come to its end before; start a new one."
-                raise ValueError(msg) from None
-            return end.value
-        if on_step is not None:
-            on_step(step)

@@ -16,10 +16,12 @@ from .choices import choose_beside, choose_by
 from .joint_stacks import JointStacks
 from .nets import closure_of, net_of, sampled
 from .options import FitOptions
-from .organ import OrganFit, Outcome, completed, pulling, recorded
+from .organ import Outcome, completed, pulling
+from .organ_fit import OrganFit
 from .schedule import ANCHOR, Schedule
 from .stacks import Stack, stacks_beside
 from .stages import Step, last_step
+from .steps import recorded
 
 # A surface whose cost falls by more than this share as soon as it is let go does not lie at its edge. Those that were
 # fitted gain 0.03 to 0.36 on phantoms and real bladders, those that were moved by 1.5 mm at least 0.65.

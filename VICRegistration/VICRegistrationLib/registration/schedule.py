@@ -13,11 +13,12 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
+from .levels import levels_beside, levels_of_region
 from .options import MAX_ITERATIONS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .partial_volumes import PartialVolumes
 from .region_image import RegionImage, region_image
 from .stages import Further, Stage
-from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS, IntensityProfile, VirtualImage
+from .virtual_image import IntensityProfile, VirtualImage
 
 # Surroundings of the region that the model may start in, mm.
 REGION_MARGIN_MM = 10.0
@@ -165,7 +166,7 @@ class Schedule:
         target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
         widest = options.tau or MOST_TAU_PIXELS * pixel
         sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * widest))
-        levels = _levels_of_region(target, sampler, widest, options)
+        levels = levels_of_region(target, sampler, widest, options)
         voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
         return cls(sampler, voxel, *levels, _as_to_start(options, pixel), target)
 
@@ -328,68 +329,6 @@ def _as_to_start(options: FitOptions, pixel: float) -> FitOptions:
         smoothness=SMOOTHNESS_TO_START if options.smoothness is None else options.smoothness,
         max_iterations=options.max_iterations or MAX_ITERATIONS[options.solver],
     )
-
-
-# ------------------------------------------------------------------ grey levels on both sides
-
-
-def _levels_of_region(target: RegionImage, sampler: Sampler, reach: float, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels inside the region and just outside of it; given levels where the user gave them."""
-    distance = target.distance
-    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * reach)
-    values, valid = sampler.values(distance.to_ras(np.column_stack([i, j, k])))
-    away = distance.array[k, j, i]
-    inside = values[valid & (away < 0.0)]
-    outside = values[valid & (away > 0.0)]
-    if not len(inside) or not len(outside):
-        msg = (
-            "The region fills the volume up to its border; the image must show what lies around the organ. Take a "
-            "larger image, or check the threshold."
-        )
-        raise ValueError(msg)
-    if options.levels == "given":
-        return options.inside, options.outside
-    return float(np.median(inside)), float(np.median(outside))
-
-
-def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
-    if options.levels == "given":
-        return options.inside, options.outside
-    return measured_levels(surface, sampler, options.tau)
-
-
-def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface.
-
-    Parameters
-    ----------
-    surface : BSplineSurface
-    sampler : Sampler
-        The image, in the frame of the surface.
-    tau : float
-        Width of the edge, mm.
-
-    Returns
-    -------
-    inside, outside : float
-        Equal where the image shows no difference.
-
-    Raises
-    ------
-    ValueError
-        If the surface lies outside of the volume.
-    """
-    u, v = surface.midpoints(*_SEEN_AT)
-    points, normals = surface.points(u, v), surface.normals(u, v)
-    medians = []
-    for depths in (PROBE_DEPTHS[INSIDE_PROBES], PROBE_DEPTHS[OUTSIDE_PROBES]):
-        values, valid = sampler.values(points[:, None] + tau * depths[:, None] * normals[:, None])
-        if not valid.any():
-            msg = "The surface lies outside of the volume; choose the volume that it was fitted in."
-            raise ValueError(msg)
-        medians.append(float(np.median(values[valid])))
-    return medians[0], medians[1]
 
 
 # ------------------------------------------------------------------ parts of the image

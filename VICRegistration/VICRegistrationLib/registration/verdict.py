@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..messages import Diagnostic
-from .organ import OrganFit
+from .organ_fit import OrganFit
 
 GOOD, CHECK, POOR = VERDICTS = ("good", "check", "poor")
 

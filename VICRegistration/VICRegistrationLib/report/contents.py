@@ -15,7 +15,7 @@ from ..analysis.references import ReadReference
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, resolution_for_chord_error, triangulate
 from ..messages import Diagnostic
-from ..registration.organ import OrganFit
+from ..registration.organ_fit import OrganFit
 
 TOLERANCES = (0.5, 1.0, 2.0)
 _CHORD_ERROR = 0.05

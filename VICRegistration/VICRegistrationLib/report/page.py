@@ -16,7 +16,7 @@ from ..messages import sentences
 from ..registration.boundary import boundary_deviations
 from ..registration.confidence import Confidence
 from ..registration.nets import net_text
-from ..registration.organ import OrganFit
+from ..registration.organ_fit import OrganFit
 from .contents import ComparedOrgan, ReportedModel, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
 from .pictures import overview_figure, page_figures, stack_figure

@@ -12,7 +12,7 @@ from ..meshing.elements import TetrahedralMesh, faces_of, flat_triangles
 from ..meshing.quality import quality
 from ..organ_colours import organ_colours, rgb
 from ..registration.nets import net_text
-from ..registration.organ import OrganFit
+from ..registration.organ_fit import OrganFit
 from ..registration.stacks import StackUse
 from .contents import ComparedOrgan, ReportedOrgan, fine_mesh
 from .figure import axes_at, blank_figure, finish_axes, write_heading

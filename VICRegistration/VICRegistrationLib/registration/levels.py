@@ -1,0 +1,73 @@
+"""Typical grey levels on both sides of an organ's boundary."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
+from ..imaging.sampling import Sampler
+from .options import FitOptions
+from .region_image import RegionImage
+from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS
+
+# Samples (u, v) of a surface beside which they are measured.
+_SAMPLES = (24, 16)
+
+
+def levels_of_region(target: RegionImage, sampler: Sampler, reach: float, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels inside the region and just outside of it; given levels where the user gave them."""
+    distance = target.distance
+    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * reach)
+    values, valid = sampler.values(distance.to_ras(np.column_stack([i, j, k])))
+    away = distance.array[k, j, i]
+    inside = values[valid & (away < 0.0)]
+    outside = values[valid & (away > 0.0)]
+    if not len(inside) or not len(outside):
+        msg = (
+            "The region fills the volume up to its border; the image must show what lies around the organ. Take a "
+            "larger image, or check the threshold."
+        )
+        raise ValueError(msg)
+    if options.levels == "given":
+        return options.inside, options.outside
+    return float(np.median(inside)), float(np.median(outside))
+
+
+def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
+    if options.levels == "given":
+        return options.inside, options.outside
+    return measured_levels(surface, sampler, options.tau)
+
+
+def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tuple[float, float]:
+    """Find typical grey levels just inside and just outside of a surface.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+    sampler : Sampler
+        The image, in the frame of the surface.
+    tau : float
+        Width of the edge, mm.
+
+    Returns
+    -------
+    inside, outside : float
+        Equal where the image shows no difference.
+
+    Raises
+    ------
+    ValueError
+        If the surface lies outside of the volume.
+    """
+    u, v = surface.midpoints(*_SAMPLES)
+    points, normals = surface.points(u, v), surface.normals(u, v)
+    medians = []
+    for depths in (PROBE_DEPTHS[INSIDE_PROBES], PROBE_DEPTHS[OUTSIDE_PROBES]):
+        values, valid = sampler.values(points[:, None] + tau * depths[:, None] * normals[:, None])
+        if not valid.any():
+            msg = "The surface lies outside of the volume; choose the volume that it was fitted in."
+            raise ValueError(msg)
+        medians.append(float(np.median(values[valid])))
+    return medians[0], medians[1]
