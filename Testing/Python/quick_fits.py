@@ -7,6 +7,8 @@ import hashlib
 
 import numpy as np
 
+# The command line takes functions by their names: it is imported before they are replaced.
+from VICRegistrationLib.cli import fitting, model_fitting  # noqa: F401
 from VICRegistrationLib.multipatch import fit
 from VICRegistrationLib.registration import finer_nets, organ, refit
 from VICRegistrationLib.segmentation import separation
