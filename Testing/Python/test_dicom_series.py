@@ -239,6 +239,18 @@ def test_orientations_in_one_series_are_chosen_by_their_size(tmp_path):
     assert farthest(read_image(more, frame=2)) < 0.05
 
 
+def test_a_localizer_of_another_size_is_left_out(tmp_path):
+    wide = image(
+        np.zeros((8, 8)),
+        ImagePositionPatient=[0, 0, 0],
+        ImageOrientationPatient=list(SAGITTAL),
+        PixelSpacing=[2.0, 2.0],
+    )
+    folder = write_series(tmp_path / "series", [*stack(positions(), AXIAL), wide])
+    assert "2 orientations (a localizer?): 6 axial, 1 sagittal" in refusal(folder)
+    assert farthest(read_image(folder, frame=1)) < 0.05
+
+
 def test_a_single_file_is_refused(tmp_path):
     folder = write_series(tmp_path / "series", stack(positions()))
     assert "holds a single slice; a surface needs several slices, so give the folder" in refusal(folder / "IM000_0")

@@ -95,6 +95,16 @@ def test_what_is_no_label_image_is_refused(tmp_path):
     path = written(tmp_path / "gone.seg.nrrd", [blocks(), 0 * blocks()], (*SEGMENTS, gone))
     with pytest.raises(ValueError, match=r"the segment 9 \(gone\) has no voxels"):
         read_label(path, "gone")
+    path = written(tmp_path / "gone_too.seg.nrrd", blocks(), (*SEGMENTS, {**gone, "Layer": "0"}))
+    with pytest.raises(ValueError, match=r"the segment 9 \(gone\) has no voxels"):
+        read_label(path, "gone")
+
+
+def test_labels_of_one_name_are_chosen_by_their_values(tmp_path):
+    path = written(tmp_path / "twins.seg.nrrd", blocks(), [{**each, "Name": "organ"} for each in SEGMENTS])
+    with pytest.raises(ValueError, match=r"holds 2 labels organ: 1 \(organ\), 4 \(organ\); choose one by its value"):
+        read_label(path, "organ")
+    assert read_label(path, 4)[1].value == 4
 
 
 def test_labels_that_resampling_has_put_off_are_read(tmp_path):

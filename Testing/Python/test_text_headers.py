@@ -129,6 +129,39 @@ def test_distances_are_not_invented(tmp_path, write, name, lines, words):
 
 
 @pytest.mark.parametrize(
+    ("write", "name", "lines", "keep", "words"),
+    [
+        (nrrd, "a.nrrd", ["space: LPS", VECTORS], -9, "its data end too soon"),
+        (meta, "a.mha", ["ElementSpacing = 1 1 3"], -9, "its data end too soon"),
+        (nrrd, "a.nrrd", [VECTORS, "space: LPS"], None, "directions, an origin or units above its space"),
+        (nrrd, "a.nrrd", ["space: LPS", "space directions: (1,0,0) (1,0,0) (0,0,3)"], None, "axes have one direction"),
+        (nrrd, "a.nhdr", ["space: LPS", VECTORS, "data file: gone.raw"], None, "gone.raw, is not beside it"),
+    ],
+)
+def test_why_a_file_cannot_be_read_is_reported(tmp_path, write, name, lines, keep, words):
+    path = write(tmp_path / name, *lines)
+    path.write_bytes(path.read_bytes()[:keep])
+    assert words in refusal(path)
+
+
+def test_voxels_in_a_file_that_is_gone(tmp_path):
+    volume = sitk.GetImageFromArray(np.zeros((4, 5, 6), np.uint8))
+    sitk.WriteImage(volume, str(tmp_path / "a.mhd"))
+    (tmp_path / "a.raw").unlink()
+    assert "the file of its voxels, a.raw, is not beside it" in refusal(tmp_path / "a.mhd")
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(0.1, True), (1.0, False)])
+def test_lengths_in_centimetres_get_a_warning(tmp_path, factor, warned):
+    volume = sitk.GetImageFromArray(np.zeros((20, 200, 200), np.uint8))
+    volume.SetSpacing([1.0 * factor, 1.0 * factor, 4.0 * factor])
+    sitk.WriteImage(volume, str(tmp_path / "a.nii.gz"), True)
+    notes = []
+    read_image(tmp_path / "a.nii.gz", warn=notes.append)
+    assert ["its longest side is 20 mm, with voxels of 0.1 x 0.1 x 0.4 mm" in note for note in notes] == [True] * warned
+
+
+@pytest.mark.parametrize(
     ("sizes", "kinds", "vectors"),
     [
         ("6 5 4 3", "domain domain domain list", "(1,0,0) (0,1,0) (0,0,3) none"),

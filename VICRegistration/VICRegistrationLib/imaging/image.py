@@ -307,7 +307,10 @@ def _checked_matrix(ijk_to_ras):
         msg = f"The matrix ijk_to_ras has shape {np.shape(ijk_to_ras)}; it must be 4 x 4 numbers (mm)."
         raise ValueError(msg)
     if not np.isfinite(matrix).all():
-        msg = "The matrix ijk_to_ras holds values that are not finite; check the image's spacing and origin."
+        msg = (
+            "The matrix from voxels to mm (ijk_to_ras) holds values that are not finite; check the image's spacing, "
+            "directions and origin."
+        )
         raise ValueError(msg)
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
         msg = f"The last row of ijk_to_ras is {matrix[3].tolist()}; it must be 0, 0, 0, 1 (affine)."
@@ -316,8 +319,8 @@ def _checked_matrix(ijk_to_ras):
     # A determinant far below the product of the voxel's edges is a voxel without volume, not a small voxel.
     if steps.min() <= 0 or abs(np.linalg.det(matrix[:3, :3] / steps)) < 1e-6:
         msg = (
-            "The matrix ijk_to_ras cannot be inverted (a spacing of zero, or two axes along one direction); "
-            "check the image's spacing and directions."
+            "The matrix from voxels to mm (ijk_to_ras) cannot be inverted (a spacing of zero, or two axes along one "
+            "direction); check the image's spacing and directions."
         )
         raise ValueError(msg)
     matrix.setflags(write=False)

@@ -141,6 +141,9 @@ def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[s
         values = _whole(image, path)
         names = {segment.value: segment.name for segment in named}
         found = [Segment(int(value), names.get(int(value), "")) for value in np.unique(values) if value != 0]
+        if label is not None:
+            # One that the header lists and that has no voxels is reported as that.
+            found += [segment for segment in named if segment.value not in {each.value for each in found}]
         if not found:
             msg = f"{path} holds no label: all of its voxels are 0. Give a segmentation with the organ in it."
             raise ValueError(msg)
@@ -206,7 +209,8 @@ def _chosen(segments: Sequence[Segment], label: int | str | None, organ: str, pa
     elif label is None:
         msg = f"{path} holds {len(segments)} labels, {listed}{rest}; choose one with --label (value or name)."
     elif matching:
-        msg = f"{path} holds {len(matching)} labels {label}: {', '.join(map(str, matching))}; choose one by its name."
+        way = "value" if len({segment.name for segment in matching}) == 1 else "name"
+        msg = f"{path} holds {len(matching)} labels {label}: {', '.join(map(str, matching))}; choose one by its {way}."
     else:
         msg = f"{path} holds no label {label}, but {listed}{rest}; choose one of these."
     raise ValueError(msg)

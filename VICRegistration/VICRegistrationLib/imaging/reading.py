@@ -21,6 +21,9 @@ LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
 # Axes that are farther from perpendicular get a warning, degrees: more than the noise of rotations in NIfTI files.
 _TOLD_DEGREES = 0.2
+# A volume as short as this, with voxels as fine as this, mm, gets a warning: scanners of patients have pixels of
+# 0.2 mm and more, and a pelvis in centimetres is 20 to 50 long.
+_SMALL_MM, _FINE_MM = 60.0, 0.15
 # ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
 _PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
@@ -86,7 +89,7 @@ def read_image(
     except ValueError as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from None
-    for text in [*notes, *_about_shear(image), *complaints]:
+    for text in [*notes, *_about_shear(image), *_about_scale(image), *complaints]:
         (warn or warnings.warn)(text if str(path) in text else f"{path}: {text}")
     return image
 
@@ -173,6 +176,18 @@ def _about_shear(image: Image) -> list[str]:
     return [f"its axes are {away:.1f} degrees from perpendicular (a tilted gantry?); it is placed as it says"]
 
 
+def _about_scale(image: Image) -> list[str]:
+    """Sentence about lengths that are probably in centimetres."""
+    longest = float((image.size * image.spacing).max())
+    if longest >= _SMALL_MM or image.spacing.min() >= _FINE_MM:
+        return []
+    steps = " x ".join(f"{step:.3g}" for step in image.spacing)
+    return [
+        f"its longest side is {longest:.3g} mm, with voxels of {steps} mm: are its lengths in centimetres? They were "
+        "taken as mm"
+    ]
+
+
 def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Read a file of one of ITK's other formats."""
     if kind in _PICTURES:
@@ -197,7 +212,7 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
         text_headers.check_spacing(path, np.array(reader.GetSpacing()[:3]))
         volume = _chosen(reader, frame, path)
     except RuntimeError as error:
-        why = one_line(error) if kind else "its format is not known"
+        why = text_headers.cause(path, kind, str(error)) or one_line(error) if kind else "its format is not known"
         msg = (
             f"{path} cannot be read as an image ({why}); check that the file is complete and of a medical "
             "image format such as NIfTI, NRRD, MetaImage or DICOM."

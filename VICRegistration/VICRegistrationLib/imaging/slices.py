@@ -94,17 +94,19 @@ def stacked(slices: Sequence[Slice], what: str, frame: int | None = None) -> tup
     ValueError
         If they are no volume; the sentence names the cause and the way out.
     """
-    _check_alike(slices, what)
+    _check_directions(slices, what)
     volumes, why = _volumes(slices, what)
     index = volume_index(frame, len(volumes), what, f"{_capital(what)} holds {why}")
-    return _grid(volumes[index], what if len(volumes) == 1 else f"frame {index + 1} of {what}")
+    name = what if len(volumes) == 1 else f"frame {index + 1} of {what}"
+    _check_alike(volumes[index], name)
+    return _grid(volumes[index], name)
 
 
 # ------------------------------------------------------------------ several volumes in one series
 
 
-def _check_alike(slices: Sequence[Slice], what: str) -> None:
-    """Refuse slices of different sizes or pixel spacings, and directions that are none."""
+def _check_directions(slices: Sequence[Slice], what: str) -> None:
+    """Refuse directions and pixel spacings that are none."""
     for each in slices:
         along = each.orientation.reshape(2, 3)
         if np.abs(along @ along.T - np.eye(2)).max() > _PERPENDICULAR or not np.all(each.spacing > 0.0):
@@ -114,6 +116,10 @@ def _check_alike(slices: Sequence[Slice], what: str) -> None:
                 "needed. Export the series again from where it was acquired."
             )
             raise ValueError(msg)
+
+
+def _check_alike(slices: Sequence[Slice], what: str) -> None:
+    """Refuse slices of different sizes or pixel spacings."""
     shapes = sorted({each.shape for each in slices})
     if len(shapes) > 1:
         sizes = ", ".join(f"{columns} x {rows}" for rows, columns in shapes)
@@ -147,6 +153,7 @@ def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str
 
 def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str]:
     """Take images of one orientation apart that are at one place."""
+    _check_alike(slices, what)
     places = _places(slices)
     most = max(map(len, places))
     if most == 1:

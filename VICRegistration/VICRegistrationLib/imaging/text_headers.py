@@ -50,6 +50,36 @@ def notes_about(path: Path, kind: str) -> list[str]:
     return _left_open(kind not in ("VTKImageIO", "GiplImageIO"), True)
 
 
+def cause(path: Path, kind: str, error: str) -> str:
+    """Name the cause why ITK cannot read a file, where it can be found out.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        As of `notes_about`.
+    error : str
+        What ITK reports, several lines.
+
+    Returns
+    -------
+    str
+        Without a capital and a full stop; empty if it is not known.
+    """
+    with path.open("rb") as file:
+        head = file.read(_MOST_BYTES).decode("latin-1")
+    named = re.search(r"^(?:ElementDataFile *=|data ?file:)(.*)$", head, re.M | re.I)
+    data = named[1].strip() if named else ""
+    # The voxels may be in the same file, or in several that a pattern or a list names.
+    if data and not re.match(r"LOCAL|LIST|.*[% ]", data, re.I) and not (path.parent / data).exists():
+        return f"the file of its voxels, {data}, is not beside it"
+    if "fread got only" in error or (kind == "MetaImageIO" and "for reading" in error):
+        return "its data end too soon"
+    if "valid space dimension" in error:
+        return "its header has directions, an origin or units above its space, or without one"
+    return "two of its axes have one direction" if "determinant is 0" in error else ""
+
+
 def _about_nrrd(path: Path, head: str) -> list[str]:
     fields = _fields(r"^([^:#\n]+):(?!=)(.*)$", re.split(r"\r?\n\r?\n", head, maxsplit=1)[0])
     vectors = [each.lower() for each in _VECTOR.findall(fields.get("space directions", ""))]

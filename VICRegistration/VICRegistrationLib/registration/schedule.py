@@ -386,6 +386,6 @@ def _check_thickness(pose: Moments, tau: float) -> None:
     if half_thickness < tau:
         msg = (
             f"The region is about {2.0 * half_thickness:.2g} mm thick; an edge of {tau:.2g} mm is sought on "
-            "each side. Check the thresholds and the erosion, or take a finer image or a smaller tau."
+            "each side. Check the region (threshold and erosion, or label), or take a finer image or a smaller tau."
         )
         raise ValueError(msg)
