@@ -169,6 +169,8 @@ def volume_text(volume: float, confidence: Confidence) -> str:
 def percent_text(share: float) -> str:
     """Share, from 0 to 1, in per cent."""
     percent = 100.0 * share
+    if 0.0 < percent < 0.05:
+        return "under 0.1 %"
     return f"{percent:.0f} %" if percent == 0.0 or percent >= 9.95 else f"{percent:.1f} %"
 
 

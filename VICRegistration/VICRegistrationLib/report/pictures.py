@@ -22,6 +22,10 @@ from .slices import Contour, Marks, draw_slices, views_in_own_plane
 # Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
 REFERENCE_COLOUR = "#3d6cff"
 _SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff4df0", "D")
+# So begin the names of the stages of a second fit, after boundary points have contradicted the first one.
+_AGAIN = "through the points, "
+# Room for the names of all stages, in points of 1/72 inch.
+_NAMES_HEIGHT = 215.0
 # As many as there are stages at most: of three nets, the coarser one kept, boundary points.
 _STAGE_COLOURS = (
     *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
@@ -257,21 +261,37 @@ def draw_convergence(axes, fit: OrganFit) -> None:
     fit : OrganFit
     """
     stages = list(dict.fromkeys(step.stage for step in fit.history))
-    first = 1
+    first, names = 1, []
     for number, stage in enumerate(stages):
         costs = np.array([step.cost for step in fit.history if step.stage == stage])
         iterations = np.arange(first, first + len(costs))
         first += len(costs)
         style = {"color": _STAGE_COLOURS[number % len(_STAGE_COLOURS)], "linewidth": 1.8, "marker": "o"}
-        axes.semilogy(iterations, costs, markersize=3.2, label=f"{stage} ({len(costs)})", **style)
+        (curve,) = axes.semilogy(iterations, costs, markersize=3.2, **style)
+        names.append((curve, f"{stage} ({len(costs)})"))
         if number:
             axes.axvline(iterations[0] - 0.5, color="#c9ced6", linewidth=0.9, zorder=0)
     axes.margins(x=0.02)
     axes.xaxis.get_major_locator().set_params(integer=True)
     title = "Convergence: each stage has an image, a cost and a unit of its own"
     finish_axes(axes, x="iteration", y="cost (mean squared residual / contrast²)", title=title)
-    names = {"title": "stage (iterations)", "fontsize": 8.5, "title_fontsize": 8.5, "frameon": False}
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, **names)
+    _draw_stages(axes, names)
+
+
+def _draw_stages(axes, names: list) -> None:
+    """Names of the stages beside the plot: in small letters where they are many."""
+    from matplotlib.lines import Line2D
+
+    entries, title = [], _AGAIN.strip(" ,") + ":"
+    for curve, name in names:
+        _, again, rest = name.partition(_AGAIN)
+        if again and all(text != title for _, text in entries):
+            entries.append((Line2D([], [], alpha=0.0), title))
+        entries.append((curve, rest or name))
+    size = min(8.5, _NAMES_HEIGHT / (1.45 * (len(entries) + 1)))
+    style = {"title": "stage (iterations)", "fontsize": size, "title_fontsize": size, "labelspacing": 0.35}
+    place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "borderaxespad": 0.0, "frameon": False}
+    axes.legend(*zip(*entries), **style, **place)
 
 
 def alarm(organ: ReportedOrgan) -> str:

@@ -105,7 +105,7 @@ class Contour:
     label : str
         For the legend; empty for none.
     thin : bool
-        Whether it is something to compare with: a thin line on top of the others.
+        Whether it is something to compare with: a thin dashed line on top of the others.
     """
 
     mesh: TriangleMesh | ReferenceMesh
@@ -117,6 +117,11 @@ class Contour:
     def width(self) -> float:
         """Width of the line, points: one on top of the other, both are seen."""
         return 0.9 if self.thin else 2.8
+
+    @property
+    def style(self):
+        """Style of the line, of matplotlib: through the gaps the colour of the line below is seen."""
+        return (0, (5.0, 3.0)) if self.thin else "solid"
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +362,8 @@ def draw_slices(
             _draw_region(axes, Sampler(region), view)
         for contour in sorted(contours, key=lambda contour: contour.thin):
             for line in cut(contour.mesh, view):
-                axes.plot(*line.T, color=contour.colour, linewidth=contour.width, solid_joinstyle="round")
+                style = {"linestyle": contour.style, "linewidth": contour.width, "solid_joinstyle": "round"}
+                axes.plot(*line.T, color=contour.colour, **style)
         _annotate(axes, view)
     _draw_marks(figure.axes[-3:], views, marks, max(_NEAR_MM, float(image.spacing.max()) / 2.0))
     _draw_legend(figure, top - side, contours, marks, with_region=region is not None)
@@ -415,7 +421,7 @@ def _draw_legend(figure, top: float, contours: Sequence[Contour], marks: Sequenc
     from matplotlib.lines import Line2D
 
     named = [contour for contour in contours if contour.label]
-    handles = [Line2D([], [], color=contour.colour, lw=contour.width) for contour in named]
+    handles = [Line2D([], [], color=contour.colour, lw=contour.width, ls=contour.style) for contour in named]
     labels = [contour.label for contour in named]
     if with_region:
         handles.append(Line2D([], [], color=_REGION_COLOUR, lw=1.0, ls=":"))
