@@ -100,8 +100,9 @@ def correct(
         If a point is too far from the surface, the surface is no closed organ, or no surface without folds passes the
         points.
     """
-    check_distances(points, closest_points(surface, points).distances)
-    away = np.abs(closest_points(surface, points).distances)
+    distances = closest_points(surface, points).distances
+    check_distances(points, distances)
+    away = np.abs(distances)
     farthest = float(away.max())
     if farthest < _MET:
         schedule = Schedule.around(image, surface, options, points=points)

@@ -25,6 +25,7 @@ import numpy as np
 
 from ..geometry.models import generic_model
 from ..geometry.parametrization import affine
+from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, as_image
 from ..imaging.moments import moments
@@ -360,9 +361,10 @@ def _restarted(
 
     Returns None where they do not, or where that fit does not explain them: then the image shows no such organ.
     """
-    if not len(points) or not contradicted(surface, points):
+    if not len(points):
         return None
-    region = region_through(image, surface, points)
+    away = np.abs(closest_points(surface, points).distances)
+    region = region_through(image, surface, points, away) if contradicted(away) else None
     if region is None:
         return None
     further = [Stack(use.image, use.name, use.motion) for use in stacks]
@@ -371,7 +373,7 @@ def _restarted(
         fit = yield from recorded(steps, history, prefix="through the points, ")
     except ValueError:
         return None
-    return fit if explains(fit.surface, surface, points) else None
+    return fit if explains(fit.surface, surface, points, away) else None
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:

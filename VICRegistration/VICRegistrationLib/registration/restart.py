@@ -36,13 +36,12 @@ _HELD, _WITHIN_MM = 0.85, 2.0
 _SAMPLES = (32, 20)
 
 
-def contradicted(surface: BSplineSurface, points: np.ndarray) -> bool:
-    """Whether boundary points (n, 3), RAS mm, lie so far from a surface that its start may have failed."""
-    away = np.abs(closest_points(surface, points).distances)
+def contradicted(away: np.ndarray) -> bool:
+    """Whether boundary points at distances (n,), mm, are so far from a surface that its start may have failed."""
     return bool(away.max() > _FAR_MM)
 
 
-def region_through(image: Image, surface: BSplineSurface, points: np.ndarray) -> Region | None:
+def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, away: np.ndarray) -> Region | None:
     """Separate an organ by its shape alone: the star-shaped surface of least cost that passes boundary points.
 
     Parameters
@@ -52,22 +51,24 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray) ->
         Whose start has failed, RAS mm.
     points : (n, 3) ndarray
         RAS mm.
+    away : (n,) ndarray
+        Their distances from the surface, mm.
 
     Returns
     -------
     Region or None
         None where there is no such surface in the image.
     """
-    away = float(np.abs(closest_points(surface, points).distances).max())
     center = surface.control_net.mean(axis=(0, 1))
     inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
     region = star_region(image, find_star(image, inside, points))
     if region is None:
         return None
-    return replace(region, diagnostics=(*region.diagnostics, Diagnostic("start_contradicted", {"away_mm": away})))
+    contradiction = Diagnostic("start_contradicted", {"away_mm": float(away.max())})
+    return replace(region, diagnostics=(*region.diagnostics, contradiction))
 
 
-def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray) -> bool:
+def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, away: np.ndarray) -> bool:
     """Whether a surface that boundary points have not pulled is the better one by them.
 
     Parameters
@@ -76,6 +77,8 @@ def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray) 
         Fitted to another start, and to the one that the points contradict, RAS mm.
     points : (n, 3) ndarray
         RAS mm.
+    away : (n,) ndarray
+        Their distances from the surface before, mm.
 
     Returns
     -------
@@ -83,7 +86,7 @@ def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray) 
         True where it is nearer to the points, holds the one before or is held by it, and is like it where there are no
         points.
     """
-    away, left = (np.abs(closest_points(surface, points).distances) for surface in (before, found))
+    left = np.abs(closest_points(found, points).distances)
     if left.max() > _LEFT * away.max():
         return False
     if max(_held(before, found), _held(found, before)) < _HELD:
