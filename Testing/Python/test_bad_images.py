@@ -18,8 +18,9 @@ from VICRegistrationLib.imaging.reading import read_image, write_image
 from VICRegistrationLib.imaging.region import Region, region_from_mask
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.segmentation.ray_edges import find_edges
 from VICRegistrationLib.segmentation.separation import separate
-from VICRegistrationLib.segmentation.threshold import suggest_threshold
+from VICRegistrationLib.segmentation.threshold import threshold_between
 
 
 @pytest.fixture
@@ -207,7 +208,7 @@ def test_a_volume_in_another_unit(image, factor, needed):
 )
 def test_seeds_that_are_not_in_the_volume(image, seeds, needed):
     refused(lambda: separate(image, seeds), *needed)
-    refused(lambda: suggest_threshold(image, seeds), *needed)
+    refused(lambda: find_edges(image, seeds), *needed)
 
 
 def test_a_seed_outside_the_threshold(image):
@@ -288,7 +289,7 @@ def test_a_radius_that_is_no_length(image):
 @pytest.mark.parametrize("level", [0, 77])
 def test_a_constant_image(dtype, level):
     image = Image(np.full((10, 20, 20), level, dtype=dtype), np.eye(4))
-    refused(lambda: suggest_threshold(image, [10, 10, 5]), "No edge of an organ", "give the threshold")
+    refused(lambda: threshold_between(find_edges(image, [10, 10, 5])), "No edge of an organ", "give the threshold")
     refused(lambda: separate(image, [10, 10, 5]), "No edge of an organ", f"grey level {level}")
 
 

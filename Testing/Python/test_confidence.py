@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hippocampus import ellipsoid_in_box
 from reorientation import motion, reordered
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.confidence import confidence_of
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.options import FitOptions
@@ -36,7 +36,7 @@ def ball(*, noise=6.0, spacing=(1.0, 1.0, 2.0), hidden=None, seed=0):
 
 
 def at_box(image, options=None, half=RADIUS):
-    return finish(fit_region(image, region_from_box(image, [[-half] * 3, [half] * 3]), options))
+    return finish(fit_region(image, ellipsoid_in_box(image, [[-half] * 3, [half] * 3]), options))
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hippocampus import ellipsoid_in_box
 from scipy import sparse
 from test_confidence import RADIUS, ball
 
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.cost import Correlation, Objective, sample_shares
 from VICRegistrationLib.registration.options import FitOptions
@@ -315,7 +315,7 @@ def test_small_clots_at_the_wall_dent_the_surface_less():
     for turn in np.arange(6) * np.pi / 3.0:
         array[np.linalg.norm(points - [18.0 * np.cos(turn), 18.0 * np.sin(turn), 0.0], axis=-1) < 2.5] = 60.0
     clotted = Image(array, image.ijk_to_ras)
-    region = region_from_box(clotted, [[-RADIUS] * 3, [RADIUS] * 3])
+    region = ellipsoid_in_box(clotted, [[-RADIUS] * 3, [RADIUS] * 3])
     means = {}
     for loss in ("squares", "huber"):
         fit = finish(fit_region(clotted, region, FitOptions(loss=loss)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hippocampus import ellipsoid_in_box
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.region import region_from_box
 from VICRegistrationLib.registration.drift_limit import drift
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.region_image import RegionImage
@@ -49,7 +49,7 @@ def test_an_image_of_nothing_but_tissue_does_not_tear_a_surface_apart():
     random = np.random.default_rng(5).choice([60.0, 100.0, 160.0], (12, 12, 12))
     array = np.kron(random, np.ones((5, 5, 5))) + np.random.default_rng(4).normal(0.0, 5.0, (60, 60, 60))
     image = Image(array, np.eye(4))
-    fit = finish(fit_region(image, region_from_box(image, [[18.0, 16.0, 14.0], [42.0, 44.0, 46.0]])))
+    fit = finish(fit_region(image, ellipsoid_in_box(image, [[18.0, 16.0, 14.0], [42.0, 44.0, 46.0]])))
     assert fit.problems == ()
     center, radii = np.array([30.0, 30.0, 30.0]), np.array([12.0, 14.0, 16.0])
     reach = np.linalg.norm((fit.confidence.points - center) / radii, axis=-1)

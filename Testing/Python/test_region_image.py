@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.region import region_from_box, region_from_mask
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.region_image import region_image
 
@@ -92,25 +92,3 @@ def test_a_speck_is_refused():
     region = region_from_mask(Image(np.zeros(mask.shape), matrix), mask)
     with pytest.raises(ValueError, match=r"The region holds 0\.00 ml, too little or too thin for a surface; check"):
         region_image(region, np.eye(4), margin=10.0)
-
-
-# ------------------------------------------------------------------ a box in place of a region
-
-
-def test_a_box_is_an_ellipsoid():
-    image = Image(np.zeros((40, 40, 40)), np.eye(4))
-    region = region_from_box(image, [[30.0, 5.0, 8.0], [10.0, 25.0, 32.0]])
-    assert region.volume_ml == pytest.approx(4.0 / 3.0 * np.pi * 10.0 * 10.0 * 12.0 / 1000.0, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        ([[0, 0, 0], [0, 5, 5]], "with a length, a width and a height"),
-        ([[0, 0, 0]], "two opposite corners R, A, S in mm are needed"),
-        ([[500, 500, 500], [520, 520, 520]], "holds no voxel of the image"),
-    ],
-)
-def test_a_box_that_is_none_is_refused(corners, message):
-    with pytest.raises(ValueError, match=message):
-        region_from_box(Image(np.zeros((9, 9, 9)), np.eye(4)), corners)

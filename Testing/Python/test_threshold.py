@@ -7,10 +7,14 @@ import pytest
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.segmentation.ray_edges import find_edges
-from VICRegistrationLib.segmentation.threshold import suggest_threshold
+from VICRegistrationLib.segmentation.threshold import threshold_between
 
 SPACING = np.array([0.8, 0.8, 3.0])
 RADII = np.array([22.0, 16.0, 18.0])
+
+
+def suggest_threshold(image, seeds):
+    return threshold_between(find_edges(image, seeds))
 
 
 def organ_image(inside, outside, *, noise=0.05, bias=0.0, dtype=float):

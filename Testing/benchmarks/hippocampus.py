@@ -13,7 +13,7 @@ from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image
-from VICRegistrationLib.imaging.region import Region, region_from_box, region_from_mask
+from VICRegistrationLib.imaging.region import Region, region_from_mask
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.steps import finish
@@ -32,12 +32,20 @@ class Hippocampus:
     box: Region
 
 
+def ellipsoid_in_box(image: Image, corners: np.ndarray) -> Region:
+    """Ellipsoid in the box between two opposite corners (2, 3), RAS mm, as a region to start a fit from."""
+    k, j, i = np.indices(image.array.shape)
+    places = image.to_ras(np.stack([i, j, k], axis=-1))
+    away = (places - np.mean(corners, axis=0)) / (np.ptp(corners, axis=0) / 2.0)
+    return region_from_mask(image, np.einsum("...k,...k->...", away, away) <= 1.0)
+
+
 def load_hippocampus(name: str, folder: Path = DATA) -> Hippocampus:
     """Read one of the images."""
     image = read_image(folder / f"{name}_t1.nii.gz")
     label = region_from_mask(image, read_image(folder / f"{name}_label.nii.gz").array, largest_component=True)
     label = replace(label, mask=fill_holes(label.mask))
-    return Hippocampus(name, image, label, region_from_box(image, box_of(label)))
+    return Hippocampus(name, image, label, ellipsoid_in_box(image, box_of(label)))
 
 
 def hippocampi(folder: Path = DATA) -> list[Hippocampus]:

@@ -85,26 +85,6 @@ def fill_holes(mask) -> np.ndarray:
     return ~open_to_border[labels]
 
 
-def keep_components(mask, seeds) -> np.ndarray:
-    """Keep the components (six face neighbours) that hold a seed.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (nk, nj, ni)
-    seeds : array_like of int, shape (n, 3)
-        Voxels (k, j, i) of the array. Seeds outside the mask keep nothing.
-
-    Returns
-    -------
-    ndarray of bool, shape (nk, nj, ni)
-    """
-    labels, count = ndimage.label(np.asarray(mask, dtype=bool))
-    kept = np.zeros(count + 1, dtype=bool)
-    kept[labels[tuple(np.asarray(seeds, dtype=int).reshape(-1, 3).T)]] = True
-    kept[0] = False
-    return kept[labels]
-
-
 def ball_reach(spacing, radius_mm: float) -> np.ndarray:
     """Return how many voxels the ball of `dilate` spans from its centre along k, j and i, shape (3,)."""
     runs = _ball_runs(spacing, radius_mm)

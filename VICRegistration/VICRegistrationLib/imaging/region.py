@@ -181,41 +181,6 @@ def region_from_label(image: Image, label: Image) -> Region:
     return region_from_crop(image, largest, start, fill=True)
 
 
-def region_from_box(image: Image, corners) -> Region:
-    """Take the ellipsoid in a box as a region: to start a fit from where an organ is roughly.
-
-    Parameters
-    ----------
-    image : Image
-    corners : array_like, shape (2, 3)
-        Two opposite corners of a box along R, A and S, mm.
-
-    Returns
-    -------
-    Region
-        With ``threshold`` None.
-
-    Raises
-    ------
-    ValueError
-        If the box is no box, or holds no voxel of the image.
-    """
-    image, corners = as_image(image), np.asarray(corners, dtype=float)
-    if corners.shape != (2, 3) or not np.isfinite(corners).all() or np.any(corners[0] == corners[1]):
-        msg = (
-            f"The box {corners.tolist()} was given; two opposite corners R, A, S in mm are needed, with a length, a "
-            "width and a height."
-        )
-        raise ValueError(msg)
-    k, j, i = np.indices(image.array.shape)
-    away = (image.to_ras(np.stack([i, j, k], axis=-1)) - corners.mean(axis=0)) / (np.ptp(corners, axis=0) / 2.0)
-    mask = np.einsum("...k,...k->...", away, away) <= 1.0
-    if not mask.any():
-        msg = f"The box {corners.tolist()} holds no voxel of the image; give RAS coordinates in mm, inside of it."
-        raise ValueError(msg)
-    return region_from_crop(image, mask, np.zeros(3, dtype=int), fill=False)
-
-
 def region_from_crop(image, mask, start, *, fill, threshold=None, erosion=None):
     """Make a region of a mask whose first voxel is voxel `start` (k, j, i) of the image."""
     shape = np.array(image.array.shape)

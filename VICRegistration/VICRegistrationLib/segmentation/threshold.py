@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..imaging.image import Image
-from .ray_edges import Edges, find_edges
+from .ray_edges import Edges
 
 # Fewer edges than this share of the rays are chance; and a side of the threshold needs a share of the edges.
 _FEWEST_EDGES, FEWEST_ON_SIDE = 0.1, 0.25
 
 
-def suggest_threshold(image: Image, seeds) -> tuple[float, float]:
-    """Suggest the lowest and highest grey level of the organ that holds the seeds.
+def threshold_between(edges: Edges) -> tuple[float, float]:
+    """Find the lowest and highest grey level of an organ between the levels before and behind its edges.
 
-    Rays run from every seed to the organ's edge (`find_edges`). The limit towards the levels outside is half
-    way between the levels before and behind the edges. A side with few edges is limited by the spread of the
-    levels inside, but no nearer than the level outside is on the other side.
+    The limit towards the levels outside is half way between the levels before and behind the edges. A side with few
+    edges is limited by the spread of the levels inside, but no nearer than the level outside is on the other side.
 
     Parameters
     ----------
-    image : Image
-    seeds : array_like, shape (n, 3) or (3,)
-        Points in the organ, RAS mm. They need not be central.
+    edges : Edges
+        From :func:`.ray_edges.find_edges`.
 
     Returns
     -------
@@ -31,13 +28,8 @@ def suggest_threshold(image: Image, seeds) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If a seed is outside the volume, or the rays find no edge.
+        If the rays found no edge.
     """
-    return threshold_between(find_edges(image, seeds))
-
-
-def threshold_between(edges: Edges) -> tuple[float, float]:
-    """Put the threshold of `suggest_threshold` between the levels before and behind known edges."""
     falls = edges.found & (edges.outer < edges.inner)
     rises = edges.found & (edges.outer > edges.inner)
     if edges.found.sum() < _FEWEST_EDGES * edges.found.size:
