@@ -58,6 +58,63 @@ def small_pictures():
 
 
 @pytest.fixture(scope="session")
+def image_path(tmp_path_factory):
+    """File of the small phantom's image."""
+    from small_phantom import ellipsoid_image
+
+    from VICRegistrationLib.imaging.reading import write_image
+
+    path = tmp_path_factory.mktemp("image") / "mri.nii.gz"
+    write_image(ellipsoid_image(), path)
+    return path
+
+
+@pytest.fixture
+def output(tmp_path):
+    """Folder with a file of the user, which has to survive."""
+    folder = tmp_path / "output"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    return folder
+
+
+@pytest.fixture
+def refused(output, capsys):
+    """Run a command that has to fail, and return its one line."""
+
+    from VICRegistrationLib import cli
+
+    def run(*words, code=2):
+        try:
+            found = cli.main([str(word) for word in words])
+        except SystemExit as end:
+            found = end.code
+        captured = capsys.readouterr()
+        assert found == code
+        assert captured.out == ""
+        lines = captured.err.splitlines()
+        assert len(lines) == 1, lines
+        assert [path.name for path in output.iterdir()] == ["notes.txt"]
+        assert (output / "notes.txt").read_text() == "mine"
+        assert [path.name for path in output.parent.iterdir() if path.name.startswith(".")] == []
+        return lines[0]
+
+    return run
+
+
+@pytest.fixture
+def refused_fit(refused, output):
+    """Run a fit that has to fail, and return its one line."""
+
+    def run(*words):
+        line = refused("fit", *words, "--output", output, "--quiet", "--no-pictures")
+        assert line.startswith("vic-registration: error: ")
+        return line
+
+    return run
+
+
+@pytest.fixture(scope="session")
 def pelvis():
     """The demo's MRI of a pelvis with its default settings; painting it takes some seconds."""
     from VICRegistrationLib.phantoms.pelvis import pelvis_phantom

@@ -30,13 +30,6 @@ pytestmark = pytest.mark.usefixtures("small_pictures")
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 
 
-@pytest.fixture(scope="module")
-def image_path(tmp_path_factory):
-    path = tmp_path_factory.mktemp("image") / "mri.nii.gz"
-    write_image(ellipsoid_image(), path)
-    return path
-
-
 @pytest.fixture
 def config(tmp_path):
     """Write a configuration of the given organs."""

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import shutil
-import signal
-import subprocess
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import SimpleITK as sitk
-from small_phantom import SEED, ellipsoid, ellipsoid_image
+from small_phantom import SEED, ellipsoid_image
 
-import VICRegistrationLib
 from VICRegistrationLib import cli
-from VICRegistrationLib.cli import fitting, results_folder
 from VICRegistrationLib.cli.process import silenced_stderr
-from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
@@ -33,54 +25,6 @@ ORGAN = ("--organ", "bladder", "--seed", SEED)
 @pytest.fixture(scope="module")
 def image():
     return ellipsoid_image()
-
-
-@pytest.fixture(scope="module")
-def image_path(tmp_path_factory, image):
-    path = tmp_path_factory.mktemp("image") / "mri.nrrd"
-    write_image(image, path)
-    return path
-
-
-@pytest.fixture
-def output(tmp_path):
-    """Folder with a file of the user, which has to survive."""
-    folder = tmp_path / "output"
-    folder.mkdir()
-    (folder / "notes.txt").write_text("mine")
-    return folder
-
-
-@pytest.fixture
-def refused(output, capsys):
-    """Run a command that has to fail, and return its one line."""
-
-    def run(*words, code=2):
-        try:
-            found = cli.main([str(word) for word in words])
-        except SystemExit as end:
-            found = end.code
-        captured = capsys.readouterr()
-        assert found == code
-        assert captured.out == ""
-        lines = captured.err.splitlines()
-        assert len(lines) == 1, lines
-        assert [path.name for path in output.iterdir()] == ["notes.txt"]
-        assert (output / "notes.txt").read_text() == "mine"
-        assert [path.name for path in output.parent.iterdir() if path.name.startswith(".")] == []
-        return lines[0]
-
-    return run
-
-
-@pytest.fixture
-def refused_fit(refused, output):
-    def run(*words):
-        line = refused("fit", *words, "--output", output, "--quiet", "--no-pictures")
-        assert line.startswith("vic-registration: error: ")
-        return line
-
-    return run
 
 
 def written(volume, path):
@@ -251,33 +195,6 @@ def test_an_unknown_flag_shows_the_usage_of_its_command(capsys, arguments, told)
     assert f"{told} vic-registration {arguments[0]} --help." in line
 
 
-def with_closed_pipe(folder, words, **streams):
-    """Run the program with a stdout that nobody reads."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(VICRegistrationLib.__file__).parents[1])}
-    program = [sys.executable, "-m", "VICRegistrationLib", *words]
-    with subprocess.Popen(program, cwd=folder, env=environment, stdout=subprocess.PIPE, **streams) as run:
-        run.stdout.close()
-        told = "" if run.stderr is None else run.stderr.read()
-    return run.returncode, told
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no pipes of this kind")
-@pytest.mark.parametrize(
-    ("words", "code"), [(["--help"], 0), (["compare", "truth.json", "truth.json", "--points", "100"], 141)]
-)
-def test_a_pipe_that_nobody_reads_ends_quietly(tmp_path, words, code):
-    write_surface(ellipsoid(), tmp_path / "truth.json", name="bladder")
-    assert with_closed_pipe(tmp_path, words, stderr=subprocess.PIPE, text=True) == (code, "")
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no pipes of this kind")
-def test_the_work_goes_on_if_nobody_reads_about_it(tmp_path):
-    write_surface(ellipsoid(), tmp_path / "truth.json", name="bladder")
-    words = ["export", "truth.json", "--stl", "out.stl"]
-    assert with_closed_pipe(tmp_path, words, stderr=subprocess.STDOUT) == (0, "")
-    assert (tmp_path / "out.stl").is_file()
-
-
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
@@ -378,85 +295,6 @@ def test_stderr_is_silenced_only_for_a_while(capfd):
     assert capfd.readouterr().err == "words"
 
 
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal to send")
-@pytest.mark.parametrize("wrapped", [False, True])
-@pytest.mark.parametrize(
-    ("number", "code", "told"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")]
-)
-def test_a_signal_ends_with_one_line(refused, image_path, output, monkeypatch, request, number, code, told, wrapped):
-    usual = {signal.SIGTERM: signal.SIG_DFL, signal.SIGINT: signal.default_int_handler}[number]
-    # What runs in the background may ignore Ctrl-C.
-    before = signal.signal(number, usual)
-    request.addfinalizer(lambda: signal.signal(number, before))
-
-    def stopped(*arguments, **options):
-        try:
-            os.kill(os.getpid(), number)
-            time.sleep(10.0)
-        except BaseException as error:
-            if wrapped:
-                raise RuntimeError from error
-            raise
-
-    monkeypatch.setattr(fitting, "separate", stopped)
-    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=code)
-    assert line == f"vic-registration: {told}; nothing was written"
-    assert signal.getsignal(number) is usual
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal to send")
-def test_a_signal_that_python_drops_is_told_again(refused, image_path, output, monkeypatch):
-    class Thing:
-        def __del__(self):
-            os.kill(os.getpid(), signal.SIGTERM)
-            # Python looks at signals between its own steps.
-            sum(range(10))
-
-    def stopped(*arguments, **options):
-        Thing()
-        time.sleep(10.0)
-
-    monkeypatch.setattr(fitting, "separate", stopped)
-    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=143)
-    assert line == "vic-registration: terminated; nothing was written"
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no signal to send")
-def test_ctrl_c_while_modules_are_imported_ends_with_one_line():
-    program = """if True:
-        import os, signal, sys
-
-        class Finder:
-            def find_spec(self, name, *others):
-                if name == "VICRegistrationLib.cli.arguments":
-                    os.kill(os.getpid(), signal.SIGINT)
-
-        sys.meta_path.insert(0, Finder())
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        from VICRegistrationLib.cli import main
-
-        os._exit(main(["--version"]))
-    """
-    ended = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=Path(VICRegistrationLib.__file__).parents[1],
-    )
-    assert ended.returncode == 130
-    assert ended.stderr == "vic-registration: interrupted; nothing was written\n"
-
-
-def test_numbers_that_overflow_end_with_one_line(refused_fit, image_path, monkeypatch):
-    def overflown(*arguments, **options):
-        msg = "math range error"
-        raise OverflowError(msg)
-
-    monkeypatch.setattr(fitting, "separate", overflown)
-    assert "too large to be worked with (math range error)" in refused_fit(image_path, *ORGAN)
-
-
 @pytest.mark.parametrize("below", [[], ["deeper"]])
 @pytest.mark.parametrize("command", [["fit", "IMAGE", *ORGAN, "--output"], ["phantom"], ["reproduce"]])
 def test_an_output_that_is_no_folder(refused, image_path, tmp_path, command, below):
@@ -483,56 +321,12 @@ def test_an_output_folder_without_the_right_to_write(refused, image_path, output
     assert "cannot be written to" in line
 
 
-def test_a_disk_that_fills_up(refused_fit, image_path, output, monkeypatch):
-    def full(organ, folder):
-        (folder / "bladder.json").write_text("half")
-        raise OSError(errno.ENOSPC, "No space left on device", str(folder / "bladder.vtp"))
-
-    monkeypatch.setattr(results_folder, "write_organ", full)
-    line = refused_fit(image_path, *ORGAN)
-    assert "No space left on device" in line
-    assert str(output / "bladder.vtp") in line
-
-
-def test_a_disk_that_fills_up_while_files_are_moved(refused_fit, image_path, output, monkeypatch):
-    replace = os.replace
-
-    def full(source, target):
-        if str(target) == str(output / "bladder_convergence.csv"):
-            raise OSError(errno.ENOSPC, "No space left on device")
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", full)
-    line = refused_fit(image_path, *ORGAN)
-    assert "No space left on device" in line
-    assert "left as it was" in line
-
-
-def test_ctrl_c_ends_with_one_line(refused, image_path, output, monkeypatch):
-    def interrupted(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(fitting, "separate", interrupted)
-    line = refused("fit", image_path, *ORGAN, "--output", output, "--quiet", code=130)
-    assert line == "vic-registration: interrupted; nothing was written"
-
-
 def test_without_matplotlib_the_fit_does_not_begin(refused, output, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     line = refused("fit", "none.nrrd", *ORGAN, "--output", output)
     assert "pip install matplotlib" in line
     assert "--no-pictures" in line
-
-
-def test_a_bug_is_not_hidden(image_path, output, monkeypatch):
-    def broken(*arguments, **options):
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(fitting, "separate", broken)
-    with pytest.raises(ZeroDivisionError):
-        cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--quiet"])
-    assert [path.name for path in output.iterdir()] == ["notes.txt"]
 
 
 def test_the_configuration_is_not_replaced_by_a_surface(image_path, tmp_path, capsys):
@@ -544,10 +338,6 @@ def test_the_configuration_is_not_replaced_by_a_surface(image_path, tmp_path, ca
     assert "would replace" in line
     assert "choose another output folder or name" in line
     assert config.read_text() == content
-
-
-def test_an_output_without_a_name_is_refused(image_path, refused):
-    assert "--output" in refused("fit", image_path, *ORGAN, "--output", "")
 
 
 def test_readers_written_in_c_do_not_add_lines(tmp_path, output, capfd):
@@ -573,9 +363,3 @@ def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(image_path, tmp_path
     ]
     assert cli.main(words) == 0
     assert (tmp_path / "out" / "$_$ a_b^2.png").is_file()
-
-
-def test_sigterm_leaves_nothing_behind(image_path, output, monkeypatch):
-    monkeypatch.setattr(fitting, "read_with_warnings", lambda *words, **options: os.kill(os.getpid(), signal.SIGTERM))
-    assert cli.main(["fit", str(image_path), *ORGAN, "--output", str(output), "--no-pictures"]) == 143
-    assert [path.name for path in output.iterdir()] == ["notes.txt"]

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from small_phantom import SEED, ellipsoid_image
+from small_phantom import SEED
 from step_organs import organ
 from vtkmodules.vtkIOGeometry import vtkSTLReader
 
@@ -18,7 +18,6 @@ from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.export.step import step_text
 from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface_file import read_surface, write_surface
-from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.registration import organ_fit
 
 pytestmark = pytest.mark.usefixtures("one_net")
@@ -201,15 +200,8 @@ def test_a_folder_in_the_way_leaves_everything_as_it_was(bladder, out, capsys):
 # ------------------------------------------------------------------ fit --step
 
 
-@pytest.fixture(scope="module")
-def image_path(tmp_path_factory):
-    path = tmp_path_factory.mktemp("image") / "mri.nii.gz"
-    write_image(ellipsoid_image(), path)
-    return path
-
-
 def fit(image_path, out, *words):
-    config = image_path.parent / "organs.json"
+    config = out.parent / "organs.json"
     seed = [float(number) for number in SEED.split(",")]
     organs = [{"organ": name, "seed": seed} for name in ("bladder", "copy")]
     config.write_text(json.dumps({"schema": "vic-registration/organs", "version": 1, "organs": organs}))
