@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import os
 import sys
 from pathlib import Path
@@ -12,33 +14,33 @@ pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
 
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 
+FOLDER = Path(__file__).resolve().parents[1] / "Slicer"
+FILES = sorted(path.stem for path in FOLDER.glob("*_tests.py"))
+
 
 @pytest.fixture
 def panelTests(recorded, slicer_module, pelvis, monkeypatch):
-    """The module of the self tests, with the demo's MRI as it is painted for other tests too."""
+    """The modules of the self tests by name, with the demo's MRI as it is painted for other tests too."""
     monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "Slicer"))
-    sys.modules.pop("panel_tests", None)
-    import panel_tests
-
-    return panel_tests
+    monkeypatch.syspath_prepend(str(FOLDER))
+    for name in ("panel_case", *FILES):
+        sys.modules.pop(name, None)
+    return {name: importlib.import_module(name) for name in ("panel_case", *FILES)}
 
 
 def names():
-    """Test methods as class.method, read off the file: it cannot be imported before the stand-ins are there."""
-    import ast
-
-    tree = ast.parse((Path(__file__).resolve().parents[1] / "Slicer" / "panel_tests.py").read_text(encoding="utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.ClassDef):
-            for child in node.body:
-                if isinstance(child, ast.FunctionDef) and child.name.startswith("test_"):
-                    yield node.name, child.name
+    """File, class and method of each test, read off: they cannot be imported before the stand-ins are there."""
+    for file in FILES:
+        for node in ast.parse((FOLDER / f"{file}.py").read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                for child in node.body:
+                    if isinstance(child, ast.FunctionDef) and child.name.startswith("test_"):
+                        yield file, node.name, child.name
 
 
-@pytest.mark.parametrize(("group", "name"), list(names()))
-def test_in_the_panel(panelTests, group, name):
-    case = getattr(panelTests, group)(name)
+@pytest.mark.parametrize(("file", "group", "name"), list(names()))
+def test_in_the_panel(panelTests, file, group, name):
+    case = getattr(panelTests[file], group)(name)
     case.setUp()
     try:
         getattr(case, name)()
@@ -47,7 +49,7 @@ def test_in_the_panel(panelTests, group, name):
 
 
 def test_a_rename_under_way_outlives_a_refresh(panelTests):
-    case = panelTests.SceneTest()
+    case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
     try:
         case.add("bladder")
@@ -75,7 +77,7 @@ def modules():
 def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(panelTests):
     import slicer
 
-    case = panelTests.SceneTest()
+    case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
     case.fitted("bladder")
     case.add("vagina")
@@ -104,7 +106,7 @@ def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(pan
 
 
 def test_the_list_of_stacks_takes_no_notice_of_label_maps(panelTests, monkeypatch):
-    case = panelTests.SceneTest()
+    case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
     try:
         case.add("bladder")
@@ -127,7 +129,7 @@ def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
     def broken(*arguments):
         raise MemoryError
 
-    case = panelTests.SceneTest()
+    case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
     try:
         case.add("bladder")
@@ -145,14 +147,14 @@ def test_a_fit_that_breaks_is_told(panelTests, monkeypatch, caplog, name):
         yield from ([][index] for index in range(1))
 
     section = {"fitSteps": "fit_section", "modelSteps": "model_section"}[name]
-    case = panelTests.SceneTest()
+    case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
     try:
         case.add("bladder")
         monkeypatch.setattr(f"VICRegistrationLib.gui.{section}.{name}", broken)
         (case.ui.fitButton if name == "fitSteps" else case.ui.fitModelButton).click()
         case.waitForFit()
-        panelTests.waitFor(lambda: not case.panel.modelSection.running)
+        panelTests["panel_case"].waitFor(lambda: not case.panel.modelSection.running)
         label = case.ui.fitStatusLabel if name == "fitSteps" else case.ui.modelStatusLabel
         assert "The fit failed for a reason that was not foreseen" in label.text
         assert "list index" not in label.text

@@ -17,12 +17,10 @@ FOLDER = Path(__file__).resolve().parent
 def main() -> int:
     """Run the module's own self test and those of the panel."""
     sys.path.insert(0, str(FOLDER))
-    import panel_tests
-
     import VICRegistration
 
     loader = unittest.defaultTestLoader
-    suite = unittest.TestSuite([loader.loadTestsFromModule(panel_tests)])
+    suite = unittest.TestSuite(loader.loadTestsFromName(path.stem) for path in sorted(FOLDER.glob("*_tests.py")))
     suite.addTest(loader.loadTestsFromTestCase(VICRegistration.VICRegistrationTest))
     result = unittest.TextTestRunner(stream=sys.stdout, verbosity=2).run(suite)
     return 0 if result.wasSuccessful() else 1
