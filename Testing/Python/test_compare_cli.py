@@ -177,6 +177,26 @@ def test_pictures_are_drawn_and_removed_when_they_are_out_of_date(fitted, truth,
     assert not (out / "bladder_deviation.png").exists()
 
 
+def test_an_earlier_comparison_is_replaced_and_that_is_said(fitted, truth, tmp_path, capsys):
+    words = (truth, "--output", tmp_path / "out", "--points", 100, "--no-pictures")
+    assert run(fitted["bladder"], *words) == 0
+    assert capsys.readouterr().err == f"results written to {tmp_path / 'out'}\n"
+    assert run(fitted["rectum"], *words) == 0
+    told = f"results written to {tmp_path / 'out'}, in place of the comparison of bladder there\n"
+    assert capsys.readouterr().err == told
+    assert list(json.loads((tmp_path / "out" / "comparison.json").read_text())["organs"]) == ["rectum"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("comparison.csv", "mine"), ("comparison.json", "[]"), ("comparison.json", '{"schema": 1}')]
+)
+def test_files_of_something_else_are_not_replaced(fitted, truth, tmp_path, capsys, name, text):
+    (tmp_path / name).write_text(text)
+    assert run(fitted["bladder"], truth, "--output", tmp_path, "--points", 100, "--no-pictures") == 2
+    assert f"{tmp_path / name} is there and is not of a comparison; choose another folder" in capsys.readouterr().err
+    assert (tmp_path / name).read_text() == text
+
+
 def test_a_reference_is_not_replaced_by_the_results(fitted, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()

@@ -14,7 +14,7 @@ from ..geometry.validity import check_surface
 from ..report.contents import TOLERANCES, ComparedOrgan, compared_organ
 from ..report.figure import require_packages
 from . import references, validators
-from .comparison_files import CSV, JSON, comparison_table, organ_files, write_numbers, write_organ
+from .comparison_files import CSV, JSON, comparison_table, organ_files, organs_before, write_numbers, write_organ
 from .console import argument, speaker
 from .solids import file_name, read_solids
 
@@ -31,7 +31,7 @@ Of a label image with several labels, the segment that is named like the organ i
 Distances are taken from points of the reference to the exact fitted surface, and from points of the fitted surface to
 the reference. Signed ones are positive where the fitted surface lies outside of the reference.
 
-DIR, best one of its own, gets
+DIR, best one of its own (an earlier comparison in it is replaced), gets
   NAME_deviation.vtp  triangles of the fitted surface with their distance from the reference as "Deviation" (mm); LPS
   NAME_deviation.png  the surface coloured by it, histogram and table
   {CSV}      the numbers, a line for each organ
@@ -95,6 +95,7 @@ def run(options: argparse.Namespace) -> None:
     """
     solids = read_solids(options.surfaces)
     paths = references.reference_paths(options.reference, [solid.name for solid in solids])
+    before = [] if options.output is None else organs_before(Path(options.output))
     organs = _compared(solids, paths, options) if options.output is None else _written(solids, paths, options)
     print(comparison_table(organs))
     for solid, organ in zip(solids, organs):
@@ -102,7 +103,8 @@ def run(options: argparse.Namespace) -> None:
         for warning in (*organ.warnings, *(problem.message for problem in check_surface(solid.surface))):
             print(f"warning: {organ.name}: {warning}", file=sys.stderr)
     if options.output is not None:
-        speaker()(f"results written to {options.output}")
+        instead = f", in place of the comparison of {', '.join(before)} there" if before else ""
+        speaker()(f"results written to {options.output}{instead}")
 
 
 def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:

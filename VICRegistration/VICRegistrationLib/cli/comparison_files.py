@@ -56,6 +56,36 @@ def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
     return f"{aligned(distances)}\n\n{aligned([(*titles, 'volume', 'reference', 'difference'), *common])}"
 
 
+def organs_before(folder: Path) -> list[str]:
+    """Names of the organs whose comparison a folder holds.
+
+    Parameters
+    ----------
+    folder : Path
+        Need not exist.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    ValueError
+        If it holds files of these names that are of something else.
+    """
+    there = [folder / name for name in (CSV, JSON) if (folder / name).exists()]
+    if not there:
+        return []
+    try:
+        content = json.loads((folder / JSON).read_text(encoding="utf-8"))
+        if content["schema"] == SCHEMA:
+            return list(content["organs"])
+    except (OSError, ValueError, LookupError, TypeError):
+        pass
+    msg = f"{there[0]} is there and is not of a comparison; choose another folder for the output."
+    raise ValueError(msg)
+
+
 def organ_files(name: str, *, pictures: bool) -> list[str]:
     """Names of the files of one organ.
 
