@@ -161,6 +161,24 @@ class FitTest(PanelTestCase):
         finally:
             self.ui.fitAtOnceCheck.checked = False
 
+    def test_newOrgansAreFittedOneAfterTheOther(self):
+        self.ui.fitAtOnceCheck.checked = True
+        try:
+            self.add("bladder")
+            self.placeSeeds("bladder", count=1)
+            self.add("vagina")
+            self.organ.seeds.AddControlPointWorld(*self.phantom.seeds["vagina"][0])
+            # As after the delay, which the first fit may not outlast.
+            self.panel.separateSection.separate()
+            self.assertTrue(self.panel.fitSection.running)
+            self.add("rectum")
+            self.assertTrue(self.isPlacing())
+            self.waitForFit()
+            self.assertTrue(self.isPlacing())
+            self.assertEqual([organ.surface is not None for organ in self.panel.organs], [True, True, False])
+        finally:
+            self.ui.fitAtOnceCheck.checked = False
+
     def test_the3dViewsAreFocusedOnTheFirstSurfaceOnly(self):
         self.fitted("bladder")
         self.assertEqual(self.volume.GetAttribute("VIC.focused"), "1")

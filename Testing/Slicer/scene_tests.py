@@ -9,8 +9,9 @@ import tempfile
 import numpy as np
 import slicer
 import vtk
-from panel_case import PanelTestCase
+from panel_case import PanelTestCase, waitFor
 
+from VICRegistrationLib.mrml import samples
 from VICRegistrationLib.mrml.surfaces import createModel, surfaceFromModel
 from VICRegistrationLib.mrml.volumes import showInSlices
 
@@ -73,6 +74,15 @@ class SceneTest(PanelTestCase):
         self.assertIsNone(self.panel.parameters.volume)
         self.assertIsNone(self.ui.volumeSelector.currentNode())
         self.assertIsNotNone(other.GetScene())
+
+    def test_theFirstVolumeThatIsLoadedIsChosen(self):
+        slicer.mrmlScene.RemoveNode(self.volume)
+        slicer.app.processEvents()
+        self.assertIsNone(self.ui.volumeSelector.currentNode())
+        self.assertFalse(self.ui.addOrganButton.enabled)
+        volume = samples.addPhantomVolume()
+        waitFor(lambda: self.ui.addOrganButton.enabled)
+        self.assertIs(self.ui.volumeSelector.currentNode(), volume)
 
     def test_aDeletedSegmentIsMissed(self):
         self.add("bladder")

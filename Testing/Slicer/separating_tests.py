@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import slicer
 from panel_case import PanelTestCase, waitFor
 
@@ -39,6 +40,18 @@ class SeparateTest(PanelTestCase):
         self.ui.erosionSlider.value = 15.0
         self.waitForRegion()
         self.assertLess(self.regionVoxels(), whole)
+
+    def test_voxelsThatAreNoNumbersAreTold(self):
+        levels = np.zeros((20, 20, 20), dtype=np.float32)
+        levels[5:15, 5:15, 5:15] = 100.0
+        levels[0, 0, :2] = np.inf, np.nan
+        volume = slicer.util.addVolumeFromArray(levels)
+        self.ui.volumeSelector.setCurrentNode(volume)
+        self.add("bladder")
+        self.assertEqual(self.ui.thresholdRange.maximum, 100.0)
+        self.organ.seeds.AddControlPointWorld(10.0, 10.0, 10.0)
+        self.waitForRegion()
+        self.assertIn("2 of the image's 8000 voxels are not finite", self.ui.regionStatusLabel.text)
 
     def test_whatIsWrongIsToldInTheStatusLine(self):
         self.add("bladder")

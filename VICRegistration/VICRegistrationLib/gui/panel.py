@@ -44,16 +44,16 @@ class Panel(VTKObservationMixin):
         self.ui, self.logic = ui, logic
         self.parameters = self.organs = None
         self._volumeBinding = self._volume = self._organ = None
-        # Parameter node of a new organ that is fitted as soon as it has a region.
-        self._toFit = None
+        # Parameter nodes of new organs that are fitted as soon as they have a region.
+        self._toFit = []
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
-        self.stacksSection = StacksSection(ui, self.refresh, self._volumeMoved)
+        self.stacksSection = StacksSection(ui, self.refresh, self._volumeCame, self._volumeMoved)
         self.separateSection = SeparateSection(ui, self._separated)
-        self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self.refresh)
+        self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self._fitChanged)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
         self.compareSection = CompareSection(ui)
-        self.modelSection = ModelSection(ui, self.refresh)
+        self.modelSection = ModelSection(ui, self._fitChanged)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
         # Slicer's settings file holds text.
@@ -109,6 +109,7 @@ class Panel(VTKObservationMixin):
         self.exportSection.stop()
         self.modelSection.stop()
         self.stacksSection.stop()
+        self._toFit = []
         self.close()
 
     def addOrgan(self, name):
@@ -116,7 +117,8 @@ class Panel(VTKObservationMixin):
         if self.organs is None:
             return
         organ = self.organs.add(name)
-        self._toFit = organ.parameterNode if self.ui.fitAtOnceCheck.checked else None
+        if self.ui.fitAtOnceCheck.checked:
+            self._toFit.append(organ.parameterNode)
         if self._volume is not None:
             self.separateSection.placeSeed()
 
@@ -174,11 +176,26 @@ class Panel(VTKObservationMixin):
     def _separated(self):
         """Show the region that was found, and fit a new organ to it if that is wanted."""
         self.refresh()
-        organ = self._organ
-        if organ is None or organ.parameterNode is not self._toFit or organ.state is not OrganState.SEPARATED:
+        self._fitNew()
+
+    def _fitChanged(self):
+        """Show that a fit has begun or ended, and fit what has waited for its end."""
+        self.refresh()
+        self._fitNew()
+
+    def _fitNew(self):
+        """Fit the new organs that have a region and are to be fitted at once, after a fit that is under way."""
+        if self.organs is None or self.fitSection.running or self.modelSection.running:
             return
-        self._toFit = None
-        self.fitOrgan()
+        ready = [organ for organ in self.organs if organ.parameterNode in self._toFit and self._isReady(organ)]
+        self._toFit = [node for node in self._toFit if node not in [organ.parameterNode for organ in ready]]
+        if ready:
+            # The next organ's seed may be about to be placed: that goes on.
+            self.fitSection.fit(ready, self._volume, self.stacksSection.chosen())
+
+    def _isReady(self, organ):
+        """Whether a new organ has its region; one that was left before that gets it by its fit."""
+        return organ.state is OrganState.SEPARATED or (organ is not self._organ and canBeSeparated(organ))
 
     def _fitAtOnceChosen(self, chosen):
         qt.QSettings().setValue(_FIT_AT_ONCE, "true" if chosen else "false")
@@ -238,6 +255,11 @@ class Panel(VTKObservationMixin):
         for name in ("inputSegmentation", "referenceSegmentation", "referenceModel"):
             if self._organ is not None and getattr(self._organ, name) is node:
                 setattr(self._organ, name, None)
+
+    def _volumeCame(self):
+        """Choose a volume that was loaded while none is chosen; organs that are there belong to another one."""
+        if self.parameters is not None and self.parameters.volume is None and not len(self.organs):
+            self.parameters.volume = next(iter(greyVolumes()), None)
 
     def _volumeMoved(self, volume):
         """Let what lies in a volume follow it."""

@@ -246,9 +246,13 @@ class SeparateSection(VTKObservationMixin):
 
 
 def _levels(volumeNode):
-    """Lowest and highest grey level of a volume; VTK remembers them until the voxels change."""
+    """Lowest and highest grey level of a volume that are numbers; VTK remembers them until the voxels change."""
     data = volumeNode.GetImageData()
-    low, high = data.GetScalarRange() if data is not None else (0.0, 1.0)
+    scalars = data.GetPointData().GetScalars() if data is not None else None
+    low, high = scalars.GetFiniteRange(0) if scalars is not None else (0.0, 1.0)
+    if not low <= high:
+        # Not a single one is a number.
+        return 0.0, 1.0
     return (low, high) if high > low else (low, low + 1.0)
 
 

@@ -27,14 +27,16 @@ class StacksSection(VTKObservationMixin):
         `furtherStacksLabel` and `furtherStacksTable`.
     onChanged : callable
         Called without arguments when volumes have come or gone.
+    onCame : callable
+        Called without arguments when volumes have come.
     onMoved : callable
         Called with a volume whose place in the world has changed.
     """
 
-    def __init__(self, ui, onChanged, onMoved):
+    def __init__(self, ui, onChanged, onCame, onMoved):
         VTKObservationMixin.__init__(self)
         self._label, self._table = ui.furtherStacksLabel, ui.furtherStacksTable
-        self._onChanged, self._onMoved = onChanged, onMoved
+        self._onChanged, self._onCame, self._onMoved = onChanged, onCame, onMoved
         self._organs = self._own = None
         self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
         self._setUpTable()
@@ -194,6 +196,7 @@ class StacksSection(VTKObservationMixin):
     def _volumesChanged(self):
         self._followViews()
         self._forgetRemoved()
+        self._onCame()
         self._onChanged()
 
     def _forgetRemoved(self):
