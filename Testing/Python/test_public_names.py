@@ -57,6 +57,11 @@ def test_names_are_listed_and_others_are_an_attribute_error():
         vic.fitt  # noqa: B018
 
 
+def test_the_page_explains_every_name():
+    table = (ROOT / "docs/python.md").read_text(encoding="utf-8").split("## All names")[1]
+    assert set(vic.__all__) <= set(re.findall(r"`(\w+)`", table))
+
+
 def test_objects_are_shown_in_one_line(image, fit):
     assert repr(image) == "Image(52 x 56 x 22 voxels of 1.2 x 1.2 x 3 mm, int16)"
     large = vic.Image.from_array(np.zeros((2, 2, 1024), dtype=bool), np.eye(4))
