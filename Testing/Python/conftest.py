@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from pathlib import Path
@@ -58,14 +59,12 @@ def small_pictures():
 
 
 @pytest.fixture(scope="session")
-def image_path(tmp_path_factory):
+def image_path(tmp_path_factory, small_image):
     """File of the small phantom's image."""
-    from small_phantom import ellipsoid_image
-
     from VICRegistrationLib.imaging.reading import write_image
 
     path = tmp_path_factory.mktemp("image") / "mri.nii.gz"
-    write_image(ellipsoid_image(), path)
+    write_image(small_image, path)
     return path
 
 
@@ -120,6 +119,46 @@ def pelvis():
     from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 
     return pelvis_phantom()
+
+
+@pytest.fixture(scope="session")
+def pelvis_fit(pelvis):
+    """Function that fits an organ of the demo with default options, each once."""
+    from VICRegistrationLib.registration.organ import fit_organ
+    from VICRegistrationLib.registration.steps import finish
+
+    return functools.lru_cache(lambda organ: finish(fit_organ(pelvis.image, pelvis.seeds[organ])))
+
+
+@pytest.fixture(scope="session")
+def small_image():
+    """The small phantom's image, of one bright organ."""
+    from small_phantom import ellipsoid_image
+
+    return ellipsoid_image()
+
+
+@pytest.fixture(scope="session")
+def small_fit(small_image):
+    """Fit of the small phantom's organ with default options."""
+    from small_phantom import CENTER
+
+    from VICRegistrationLib.registration.organ import fit_organ
+    from VICRegistrationLib.registration.steps import finish
+
+    return finish(fit_organ(small_image, CENTER[None]))
+
+
+@pytest.fixture(scope="session")
+def small_coarse_fit(small_image):
+    """Fit of the small phantom's organ with a net of 9 x 7."""
+    from small_phantom import CENTER
+
+    from VICRegistrationLib.registration.options import FitOptions
+    from VICRegistrationLib.registration.organ import fit_organ
+    from VICRegistrationLib.registration.steps import finish
+
+    return finish(fit_organ(small_image, CENTER[None], FitOptions(net=(9, 7))))
 
 
 @pytest.fixture(scope="session")

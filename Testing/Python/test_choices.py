@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_phantom import CENTER, ellipsoid_image
+from small_phantom import CENTER
 from test_nets import choices, painted
 
 from VICRegistrationLib.geometry import models
@@ -20,8 +20,8 @@ from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 def test_what_is_asked_for_is_done(image):

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 import SimpleITK as sitk
-from small_phantom import SEED, ellipsoid_image
+from small_phantom import SEED
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.cli.process import silenced_stderr
@@ -23,8 +23,8 @@ ORGAN = ("--organ", "bladder", "--seed", SEED)
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 def written(volume, path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from small_phantom import CENTER, ellipsoid, ellipsoid_image
+from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.parametrization import closed_organ
@@ -22,14 +22,13 @@ FINER = [f"{name}, 17x11" for name in STAGES[1:]]
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 @pytest.fixture(scope="module")
-def fit(image):
-    """The fit with default options."""
-    return finish(fit_organ(image, SEED))
+def fit(small_fit):
+    return small_fit
 
 
 def fitted(image, seeds=SEED, **options):

@@ -20,7 +20,6 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.organ_colours import ORGAN_COLOURS, rgb
-from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
 from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.report import pictures
@@ -51,13 +50,13 @@ SEEDS = [tuple(CENTER), tuple(CENTER + [3.0, -4.0, 12.0])]
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 @pytest.fixture(scope="module")
-def fit(image):
-    return finish(fit_organ(image, CENTER[None]))
+def fit(small_fit):
+    return small_fit
 
 
 @pytest.fixture(scope="module")

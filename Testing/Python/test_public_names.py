@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_phantom import CENTER, ellipsoid, ellipsoid_image
+from small_phantom import CENTER, ellipsoid
 
 import VICRegistrationLib as vic
 from VICRegistrationLib.imaging.reading import write_image
@@ -22,8 +22,8 @@ EXACT, OTHERS = (".json", ".vtp"), (".step", ".stp", ".stl", ".ply")
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 @pytest.fixture(scope="module")

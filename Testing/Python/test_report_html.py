@@ -22,8 +22,6 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.choices import Choice
-from VICRegistrationLib.registration.organ import fit_organ
-from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.report.contents import ReportedOrgan, Source, compared_organ
 from VICRegistrationLib.report.page import orientation_text, report_html, volume_text
 
@@ -85,13 +83,13 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 @pytest.fixture(scope="module")
-def fit(image):
-    return finish(fit_organ(image, CENTER[None]))
+def fit(small_fit):
+    return small_fit
 
 
 @pytest.fixture(scope="module")

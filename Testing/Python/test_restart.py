@@ -5,25 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from boundaries import off
-from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
+from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.boundary import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
 from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")
-def image():
-    return ellipsoid_image()
+def image(small_image):
+    return small_image
 
 
 @pytest.fixture(scope="module")
-def fit(image):
-    return finish(fit_organ(image, np.array([[float(x) for x in SEED.split(",")]]), FitOptions(net=(9, 7))))
+def fit(small_coarse_fit):
+    return small_coarse_fit
 
 
 def through(image, surface, points, **options):
@@ -62,16 +61,16 @@ def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):
     assert abs(boundary_deviations(found.surface, point)[0]) < 0.3
 
 
-def test_another_organ_is_not_meant(pelvis):
+def test_another_organ_is_not_meant(pelvis, pelvis_fit):
     # The star-shaped surface through a point of the bladder's wall is the bladder, which holds nothing of the vagina.
-    vagina = finish(fit_organ(pelvis.image, pelvis.seeds["vagina"]))
+    vagina = pelvis_fit("vagina")
     point = off(vagina.surface, [(0.0, 0.5)], [35.0])
     with pytest.raises(ValueError, match="Boundary point 1 .* is 35 mm from the surface"):
         through(pelvis.image, vagina.surface, point)
 
 
-def test_a_surface_that_is_like_the_one_before_away_from_the_points_is_needed(pelvis):
+def test_a_surface_that_is_like_the_one_before_away_from_the_points_is_needed(pelvis, pelvis_fit):
     # Nearer to the point because both ends of the bent organ are cut.
-    rectum = finish(fit_organ(pelvis.image, pelvis.seeds["rectum"]))
+    rectum = pelvis_fit("rectum")
     _, again = through(pelvis.image, rectum.surface, off(rectum.surface, [(0.61, 0.2)], [-12.0]))
     assert not again
