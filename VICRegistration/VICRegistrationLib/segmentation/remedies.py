@@ -45,7 +45,7 @@ def remedy(image: Image, seeds: np.ndarray, refused: tuple[float, float], *, ero
         region = _separated(image, seeds, dilation=dilation, fill=fill, **options)
         if region is not None and 1000.0 * region.volume_ml > FRAGMENT * edges.volume:
             return f"With {words} it is one piece of {region.volume_ml:.1f} ml."
-    return "Narrow the threshold or increase the erosion."
+    return "Check the place of the seeds: are they inside the organ? Narrow the threshold, or increase the erosion."
 
 
 def _separated(image: Image, seeds: np.ndarray, **options) -> Region | None:

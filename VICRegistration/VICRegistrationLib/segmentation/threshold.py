@@ -34,8 +34,8 @@ def threshold_between(edges: Edges) -> tuple[float, float]:
     rises = edges.found & (edges.outer > edges.inner)
     if edges.found.sum() < _FEWEST_EDGES * edges.found.size:
         msg = (
-            f"No edge of an organ was found around the seeds (grey level {edges.middle:.6g}); give the "
-            "threshold as its lowest and highest grey level."
+            f"No edge of an organ was found around the seeds (grey level {edges.middle:.6g}); check that they are "
+            "inside the organ, or give the threshold as its lowest and highest grey level."
         )
         raise ValueError(msg)
     least = FEWEST_ON_SIDE * edges.found.sum()
