@@ -161,6 +161,17 @@ class FitTest(PanelTestCase):
         finally:
             self.ui.fitAtOnceCheck.checked = False
 
+    def test_anOrganThatIsRemovedWhileItWaitsIsNotFitted(self):
+        for name in ("bladder", "vagina"):
+            self.add(name)
+            self.placeSeeds(name)
+        self.ui.fitAllButton.click()
+        self.ui.removeOrganButton.click()
+        self.waitForFit()
+        self.assertEqual([organ.label for organ in self.panel.organs], ["bladder"])
+        self.assertIn("bladder: ", self.ui.fitStatusLabel.text)
+        self.assertTrue(self.ui.fitButton.enabled)
+
     def test_newOrgansAreFittedOneAfterTheOther(self):
         self.ui.fitAtOnceCheck.checked = True
         try:

@@ -120,6 +120,11 @@ class FitSection:
         self._next()
 
     def _next(self):
+        # One that was removed while it waited needs no fit.
+        self._queue = [entry for entry in self._queue if entry[0].parameterNode.GetScene() is not None]
+        if not self._queue:
+            self._onChanged()
+            return
         self._organ, steps, isRefit = self._queue.pop(0)
         stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
         self._progress, self._isNew = _Progress(stages + self._moreStages), self._organ.surface is None
@@ -160,10 +165,7 @@ class FitSection:
         }[end]()
         self._message.show(text)
         self._plot(organ if there else None)
-        if self._queue:
-            self._next()
-        else:
-            self._onChanged()
+        self._next()
 
     def _showProgress(self, percent):
         self._ui.progressBar.value = percent
