@@ -5,24 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from small_phantom import CENTER, ellipsoid_image
 
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.diagnostics import border_sides, fit_diagnostics
-from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import fit_region
-from VICRegistrationLib.registration.steps import finish
-from VICRegistrationLib.segmentation.separation import separate
 
 
-def test_a_sound_fit_gives_no_warning():
-    image = ellipsoid_image()
-    assert fit_diagnostics(image, finish(fit_region(image, separate(image, CENTER)))) == []
+def test_a_sound_fit_gives_no_warning(small_image, small_fit):
+    assert fit_diagnostics(small_image, small_fit) == []
 
 
-def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
-    image = ellipsoid_image()
-    found = finish(fit_region(image, separate(image, CENTER)))
+def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side(small_image, small_fit):
+    image, found = small_image, small_fit
     mask = found.region.mask
     k, j, i = np.argwhere(mask)[np.argmax(np.argwhere(mask)[:, 0])]
     # A tail of 2 x 2 voxels at the last slice, as long as the mask is deep.
@@ -38,20 +31,16 @@ def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side():
     assert "place points on the wall" in told.sentence()
 
 
-def test_the_sides_of_the_border_are_those_of_the_patient():
+def test_the_sides_of_the_border_are_those_of_the_patient(small_image, small_fit):
     # Slices run from left to right (k), pixels from front to back (i) and from top to bottom (j).
-    whole = ellipsoid_image()
-    region = separate(whole, CENTER)
+    whole, region = small_image, small_fit.region
     assert border_sides(whole, region) == []
     touching = replace(region, touches_border=("k+", "j-", "i+"))
     assert border_sides(whole, touching) == ["right", "superior", "posterior"]
 
 
-def test_what_looks_wrong_about_a_fit_is_found():
-    image = ellipsoid_image()
-    options = FitOptions()
-    region = separate(image, CENTER)
-    found = finish(fit_region(image, region, options))
+def test_what_looks_wrong_about_a_fit_is_found(small_image, small_fit):
+    image, found, region = small_image, small_fit, small_fit.region
     inside_out = found.surface.transformed(np.diag([-2.0, 1.0, 1.0, 1.0]))
     leak = Diagnostic(
         "region_larger_than_seen", {"region_ml": 9.0, "seen_ml": 5.0, "low": 1, "high": 2, "erosion_mm": 2}
