@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -20,7 +21,7 @@ from scipy.sparse import linalg as sparse_linalg
 from scipy.spatial.distance import cdist
 
 from ..geometry import bspline
-from ..geometry.projection import closest_points
+from ..geometry.projection import Projection, closest_points
 from ..geometry.space_deformation import agreeing, deformed_through
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
@@ -58,10 +59,10 @@ _HOLD = 1.0
 _BENDING = (1e-3, 2e-4, 4e-5)
 # Radius around a point within which the deformed surface counts, in reaches.
 _NEAR = 0.7
-# Radius around a point in which the user's word counts and not the grey levels, in reaches; and how far off the point
-# lies, in widths of the ramp, where that begins: 63 % of them are left out then.
-_BLIND = 0.25
-_OPENING = 0.5
+# Radius around a point in which the grey levels are left out, in reaches; and how far off the point lies, in widths of
+# the ramp, where 63 % of their weight is.
+_UNSEEN = 0.25
+_UNSEEN_FROM = 0.5
 # Points nearer to the surface than the first, mm, ask for no correction; no point of weight 1 is left farther off than
 # the second where a softer surface comes nearer.
 _MET, _LEFT = 0.01, 0.5
@@ -186,6 +187,11 @@ class _Observed:
     reach: np.ndarray
     options: FitOptions
 
+    @cached_property
+    def feet(self) -> Projection:
+        """The places of the deformed surface that are nearest to the points."""
+        return closest_points(self.deformed, self.points)
+
     def fitted(self, stage: Stage) -> Generator[Step, None, Step]:
         """Run a stage on the grey levels from the deformed surface, step by step; returns the last one."""
         space = sampled(self.deformed, self.options.closure)
@@ -207,16 +213,15 @@ class _Observed:
         1 at a point and between two that are close together, 0 far from all.
         """
         frame = space.frame(np.zeros(space.n_dof))
-        feet = closest_points(self.deformed, self.points)
-        alike = frame.normals @ self.deformed.normals(*feet.parameters.T).T
-        near = shares * np.clip(alike, 0.0, 1.0) * np.exp(-((cdist(frame.points, feet.points) / radii) ** 4))
+        alike = frame.normals @ self.deformed.normals(*self.feet.parameters.T).T
+        near = shares * np.clip(alike, 0.0, 1.0) * np.exp(-((cdist(frame.points, self.feet.points) / radii) ** 4))
         return 1.0 - (1.0 - near).prod(axis=1)
 
     def _seen(self, space: SampledSurface, width: float) -> np.ndarray:
         """Share of the grey levels' weight that each line keeps, (n,): a ring around each point."""
-        opening = 1.0 - np.exp(-((self.distances / (_OPENING * width)) ** 2))
-        hidden = self._nearness(space, _BLIND * self.reach, opening)
-        return (1.0 - hidden) * self._nearness(space, self.reach)
+        shares = 1.0 - np.exp(-((self.distances / (_UNSEEN_FROM * width)) ** 2))
+        unseen = self._nearness(space, _UNSEEN * self.reach, shares)
+        return (1.0 - unseen) * self._nearness(space, self.reach)
 
     def _hold(self, correlations: Sequence[Correlation], stage: Stage):
         """Energies of the displacement since the deformed surface: matrix K and vector f of q' K q - 2 f' q."""
@@ -240,7 +245,7 @@ class _Observed:
 
         Each point pulls the place of the deformed surface that is nearest to it.
         """
-        u, v = closest_points(self.deformed, self.points).parameters.T
+        u, v = self.feet.parameters.T
         offsets, basis = self.points - self.deformed.points(u, v), _basis(self.deformed, u, v)
         total, right = sparse.csc_matrix((space.n_dof, space.n_dof)), pull.copy()
         for k, (matrix, index) in enumerate(zip(space.parametrization.matrices, space.parametrization.indices)):
