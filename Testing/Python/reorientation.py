@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.imaging.image import Image
+
+_FLIPS = list(itertools.product((False, True), repeat=3))
+# Orders and flips of three axes: each order with two of the eight ways to flip, all of which are seen, and both hands.
+ORIENTATIONS = [
+    (order, flips)
+    for number, order in enumerate(itertools.permutations(range(3)))
+    for flips in (_FLIPS[number], _FLIPS[7 - number])
+]
 
 
 def motion(degrees, axis, shift=(0.0, 0.0, 0.0)):

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from reorientation import motion, reordered
+from reorientation import ORIENTATIONS, motion, reordered
 
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.geometry.projection import closest_points
@@ -21,7 +21,6 @@ ORGANS = ("bladder", "vagina", "rectum")
 CLOSE_MM = 1e-6
 # Cheaper than the finer net that these organs get by default.
 NET = FitOptions(net=(9, 7))
-ORIENTATIONS = list(itertools.product(itertools.permutations(range(3)), itertools.product((False, True), repeat=3)))
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +36,17 @@ def surfaces(slab, pelvis):
 
 
 def test_both_hands_and_all_orders_are_tried(slab):
-    hands = {np.sign(np.linalg.det(reordered(slab, *way).ijk_to_ras[:3, :3])) for way in ORIENTATIONS}
-    assert hands == {-1.0, 1.0}
-    assert len(ORIENTATIONS) == 48
+    hands = [np.sign(np.linalg.det(reordered(slab, *way).ijk_to_ras[:3, :3])) for way in ORIENTATIONS]
+    assert set(hands) == {-1.0, 1.0}
+    assert {flips for _, flips in ORIENTATIONS} == set(itertools.product((False, True), repeat=3))
 
 
 @pytest.mark.parametrize("organ", ORGANS)
 def test_axes_permuted_and_flipped_give_the_same_surface(slab, pelvis, surfaces, organ):
     expected = finish(fit_organ(slab, pelvis.seeds[organ], NET)).surface
-    # Each organ in a third of the 48 ways, all of them together in all; every eighth with the net that is chosen.
+    # Each organ in a third of the ways; the first with the net that is chosen.
     for number, (order, flips) in enumerate(ORIENTATIONS[ORGANS.index(organ) :: 3]):
-        chosen = number % 8 == 0
+        chosen = number == 0
         found = finish(fit_organ(reordered(slab, order, flips), pelvis.seeds[organ], None if chosen else NET)).surface
         difference = np.abs(found.control_net - (surfaces[organ] if chosen else expected).control_net).max()
         assert difference < CLOSE_MM, (order, flips)
