@@ -114,6 +114,12 @@ def test_what_is_no_number_is_refused(value):
         FitOptions(tolerance=value)
 
 
+@pytest.mark.parametrize("written", ["", " ", "1 2", "0.1,0.2"])
+def test_texts_that_are_not_one_number_are_refused(written):
+    with pytest.raises(ValueError, match="The tolerance is .*; it must be a number from 0.001 to 5 mm"):
+        OPTIONS["tolerance"].read(written)
+
+
 def test_values_come_in_their_own_types():
     options = FitOptions(net=np.array([11, 9]), tau=np.float32(1.5), max_iterations=np.int64(7), smoothness=0)
     assert (options.net, options.tau, options.max_iterations, options.smoothness) == ((11, 9), 1.5, 7, 0.0)

@@ -94,7 +94,8 @@ class Option:
         if not isinstance(written, str) or self.choices:
             return self.checked(written)
         try:
-            numbers = [float(part) for part in written.lower().replace("×", "x").split(self._separator)]
+            parts = written.lower().replace("×", "x").split(self._separator) if self.pair else [written]
+            numbers = [float(part) for part in parts]
         except ValueError:
             return self.checked(written)
         try:
@@ -131,8 +132,9 @@ class Option:
         return f"{zero}{kind} from {self.limits[0]:.7g} to {self.limits[1]:.7g}{unit}{order}"
 
     @property
-    def _separator(self) -> str | None:
-        return ("x" if "x" in self.pair else ",") if self.pair else None
+    def _separator(self) -> str:
+        """What is between the two numbers of a pair."""
+        return "x" if "x" in self.pair else ","
 
     def _converted(self, value: object) -> object:
         """Return a value in its own type; an error if it is none."""
