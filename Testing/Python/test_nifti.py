@@ -217,6 +217,8 @@ def test_a_packed_file_without_its_ending_is_read(tmp_path):
         (40, struct.pack("<8h", 5, 10, 4, 6, 1, 3, 1, 1), "holds vectors of 3 values"),
         (40, struct.pack("<8h", 2, 10, 72, 1, 1, 1, 1, 1), "holds a single slice"),
         (40, struct.pack("<8h", 3, 10, 72, 1, 1, 1, 1, 1), "holds a single slice"),
+        # VTK's reader ends the process with these.
+        (40, struct.pack("<8h", 3, 10, 0, 9, 1, 1, 1, 1), "10 x 0 x 9 voxels, so its header is damaged"),
         (108, struct.pack("<f", 0.0), "its voxels begin at byte 0, inside of its header"),
         (344, b"abc\0", "its header lacks the mark n+1"),
         (280, bytes(48), "cannot be inverted"),

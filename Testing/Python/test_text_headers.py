@@ -144,6 +144,29 @@ def test_why_a_file_cannot_be_read_is_reported(tmp_path, write, name, lines, kee
     assert words in refusal(path)
 
 
+@pytest.mark.parametrize(
+    ("write", "name", "line", "words"),
+    [
+        (meta, "a.mha", "NDims = -1", "says that it has -1 dimensions"),
+        (meta, "a.mha", "NDims = 99999", "says that it has 99999 dimensions"),
+        (meta, "a.mha", "Offset = 1 2", "has the offset 1 2; 3 numbers are needed"),
+        (meta, "a.mha", "Offset = 1 nan 2", "has the offset 1 nan 2; 3 numbers are needed"),
+        (meta, "a.mha", "TransformMatrix = 1 0 0 0 1 0 0 0", "has the transformmatrix 1 0 0 0 1 0 0 0; 9 numbers"),
+        (vtk, "a.vtk", "ORIGIN 1 x 2", "has the origin 1 x 2; 3 numbers are needed"),
+        (vtk, "a.vtk", "ORIGIN 1 2", "has the origin 1 2; 3 numbers are needed"),
+    ],
+)
+def test_numbers_that_are_missing_are_not_taken_for_zeros(tmp_path, write, name, line, words):
+    spacing = "SPACING 1 1 3" if write is vtk else "ElementSpacing = 1 1 3"
+    assert words in refusal(write(tmp_path / name, spacing, line))
+
+
+def test_voxels_without_values_are_refused(tmp_path):
+    path = vtk(tmp_path / "a.vtk", "SPACING 1 1 3", "ORIGIN 0 0 0")
+    path.write_bytes(path.read_bytes().replace(b"short 1", b"short 0"))
+    assert "has no values in its voxels" in refusal(path)
+
+
 def test_voxels_in_a_file_that_is_gone(tmp_path):
     volume = sitk.GetImageFromArray(np.zeros((4, 5, 6), np.uint8))
     sitk.WriteImage(volume, str(tmp_path / "a.mhd"))

@@ -112,6 +112,11 @@ def _check_header(path: Path, header) -> None:
     if len(sizes) < 3 or sizes[2] < 2:
         msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
         raise ValueError(msg)
+    if min(sizes) < 1:
+        # VTK reads a row of no voxels from nowhere.
+        found = " x ".join(map(str, sizes[:3]))
+        msg = f"{path} says that it has {found} voxels, so its header is damaged; copy it again."
+        raise ValueError(msg)
     offset, earliest = header.GetVoxOffset(), _EARLIEST.get(header.GetMagic(), 0)
     if not offset >= earliest:
         msg = f"{path} says that its voxels begin at byte {offset}, inside of its header; write the file again."

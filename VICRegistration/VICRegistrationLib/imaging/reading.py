@@ -21,9 +21,9 @@ LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
 # Axes that are farther from perpendicular get a warning, degrees: more than the noise of rotations in NIfTI files.
 _TOLD_DEGREES = 0.2
-# A volume as short as this, with voxels as fine as this, mm, gets a warning: scanners of patients have pixels of
-# 0.2 mm and more, and a pelvis in centimetres is 20 to 50 long.
-_SMALL_MM, _FINE_MM = 60.0, 0.15
+# A volume whose longest side is within these, with voxels as fine as this, mm, gets a warning: scanners of patients
+# have pixels of 0.2 mm and more, and a pelvis in centimetres is 20 to 50 long. Shorter ones are refused by a fit.
+_SMALL_MM, _FINE_MM = (4.0, 60.0), 0.15
 # ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
 _PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
@@ -179,7 +179,7 @@ def _about_shear(image: Image) -> list[str]:
 def _about_scale(image: Image) -> list[str]:
     """Sentence about lengths that are probably in centimetres."""
     longest = float((image.size * image.spacing).max())
-    if longest >= _SMALL_MM or image.spacing.min() >= _FINE_MM:
+    if not _SMALL_MM[0] <= longest < _SMALL_MM[1] or image.spacing.min() >= _FINE_MM:
         return []
     steps = " x ".join(f"{step:.3g}" for step in image.spacing)
     return [
@@ -203,6 +203,7 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
             "patient for certain; convert it to NIfTI or NRRD with a program of that format."
         )
         raise ValueError(msg)
+    text_headers.check_numbers(path, kind)
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     try:
@@ -232,6 +233,9 @@ def _chosen(reader: sitk.ImageFileReader, frame: int | None, path: Path) -> sitk
     """Take the volume that is meant out of a file with several values in a voxel, or several frames."""
     components, frames = reader.GetNumberOfComponents(), int(np.prod(reader.GetSize()[3:]))
     count = components * frames
+    if not count:
+        msg = f"{path} says that it has no values in its voxels; a grey level is needed. Correct its header."
+        raise ValueError(msg)
     found = f"{path} has {reader.GetDimension()} dimensions with {frames} frames"
     if components > 1:
         found = f"{path} has {components} values per voxel (a colour or vector image, or several volumes)"

@@ -16,6 +16,7 @@ _SHORT_SPACES = {"lps", "ras", "las", "lpst"}
 _NOT_TURNED = {"rast", "last", "right-anterior-superior-time", "left-anterior-superior-time"}
 _MILLIMETRES = {"", "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
 _META_DIRECTIONS, _META_ORIGINS = {"transformmatrix", "rotation", "orientation"}, {"offset", "origin", "position"}
+_META_DISTANCES, _MOST_AXES = {"elementspacing", "elementsize"}, 6
 _NO_AXES = "which way its axes point; they were taken as left, posterior and superior, as ITK and 3D Slicer do"
 _NO_ORIGIN = "where its first voxel is; that was taken as 0, 0, 0"
 
@@ -39,8 +40,7 @@ def notes_about(path: Path, kind: str) -> list[str]:
     ValueError
         If a distance is missing, or not in mm.
     """
-    with path.open("rb") as file:
-        head = file.read(_MOST_BYTES).decode("latin-1")
+    head = _head(path)
     if kind == "NrrdImageIO":
         return _about_nrrd(path, head)
     if kind == "MetaImageIO":
@@ -48,6 +48,42 @@ def notes_about(path: Path, kind: str) -> list[str]:
     if kind == "VTKImageIO" and not re.search(r"^(SPACING|ASPECT_RATIO)\s", head.split("POINT_DATA")[0], re.M | re.I):
         raise ValueError(_no_distances(path, "SPACING"))
     return _left_open(kind not in ("VTKImageIO", "GiplImageIO"), True)
+
+
+def check_numbers(path: Path, kind: str) -> None:
+    """Refuse a header whose numbers ITK would take for others, or break off at: too few of them, or texts.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        As of `notes_about`.
+
+    Raises
+    ------
+    ValueError
+        If a number that sizes or places the voxels is missing, or is none.
+    """
+    head = _head(path)
+    if kind == "MetaImageIO":
+        fields = _fields(r"^\s*(\w+)\s*=(.*)$", head.split("ElementDataFile", maxsplit=1)[0])
+        axes = fields.get("ndims", "")
+        if not axes.isdecimal() or not 1 <= int(axes) <= _MOST_AXES:
+            msg = f"{path} says that it has {axes or 'no'} dimensions (NDims); three are needed. Correct its header."
+            raise ValueError(msg)
+        counts = {"dimsize": int(axes)}
+        counts.update(dict.fromkeys(_META_DISTANCES | _META_ORIGINS, int(axes)))
+        counts.update(dict.fromkeys(_META_DIRECTIONS, int(axes) ** 2))
+    elif kind == "VTKImageIO":
+        fields = _fields(r"^\s*(\w+) +(.*)$", head.split("POINT_DATA")[0])
+        counts = dict.fromkeys(("dimensions", "spacing", "aspect_ratio", "origin"), 3)
+    else:
+        return
+    for field, count in counts.items():
+        numbers = _numbers(fields[field]) if field in fields else np.zeros(count)
+        if len(numbers) != count or not np.isfinite(numbers).all():
+            msg = f"{path} has the {field} {fields[field]}; {count} numbers are needed. Correct its header."
+            raise ValueError(msg)
 
 
 def cause(path: Path, kind: str, error: str) -> str:
@@ -66,8 +102,7 @@ def cause(path: Path, kind: str, error: str) -> str:
     str
         Without a capital and a full stop; empty if it is not known.
     """
-    with path.open("rb") as file:
-        head = file.read(_MOST_BYTES).decode("latin-1")
+    head = _head(path)
     named = re.search(r"^(?:ElementDataFile *=|data ?file:)(.*)$", head, re.M | re.I)
     data = named[1].strip() if named else ""
     # The voxels may be in the same file, or in several that a pattern or a list names.
@@ -99,7 +134,7 @@ def _about_nrrd(path: Path, head: str) -> list[str]:
 
 def _about_meta(path: Path, head: str) -> list[str]:
     fields = _fields(r"^\s*(\w+)\s*=(.*)$", head.split("ElementDataFile", maxsplit=1)[0])
-    if not {"elementspacing", "elementsize"} & set(fields):
+    if not _META_DISTANCES & set(fields):
         raise ValueError(_no_distances(path, "ElementSpacing"))
     unit = fields.get("distanceunits", "")
     _check_unit(path, "" if unit.lower() in {*_MILLIMETRES, "?"} else unit)
@@ -115,6 +150,23 @@ def _left_open(has_axes: bool, has_origin: bool) -> list[str]:
 
 def _fields(pattern: str, head: str) -> dict[str, str]:
     return {key.strip().lower(): text.strip() for key, text in re.findall(pattern, head, re.MULTILINE)}
+
+
+def _head(path: Path) -> str:
+    """Beginning of a file as text."""
+    with path.open("rb") as file:
+        return file.read(_MOST_BYTES).decode("latin-1")
+
+
+def _numbers(text: str) -> list[float]:
+    """Numbers of a text; NaN for a word that is none."""
+    numbers = []
+    for word in text.split():
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            numbers.append(np.nan)
+    return numbers
 
 
 def _check_unit(path: Path, unit: str) -> None:
