@@ -11,18 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from ..geometry.line_fractions import line_fractions
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
-from ..geometry.volume_fractions import volume_fractions
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .edge_width import WIDTH_OF_BLUR, edge_width
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS
 
-# Parts in which a voxel is cut along its shortest edge; along the longer ones as many as are as long, up to the most.
-# Half and twice of each change no mean distance of the demo by more than 0.003 mm.
-_PARTS, _MOST_PARTS = 2, 8
+# Lines through a voxel along each of its two shorter edges. Half and twice of them change no mean distance of the demo
+# by more than 0.002 mm, and of real bladders by 0.008 mm.
+_LINES = 2
 # How far triangles may be from the surface, in the shortest edges of a voxel. Half of it changes no mean distance
 # of the demo by more than 0.002 mm.
 _CHORD_ERROR = 1.0 / 5.0
@@ -99,11 +99,8 @@ class PartialVolumes:
     def _paint(self, surface: BSplineSurface) -> Sampler:
         """Compute the partial volumes of a surface, interpolated linearly as the image is."""
         image, spacing = self.image, np.asarray(self.image.spacing)
-        parts = np.clip(np.rint(_PARTS * spacing / spacing.min()), 1, _MOST_PARTS).astype(int)
         points, triangles = _triangles(surface, _CHORD_ERROR * spacing.min())
-        shares = volume_fractions(
-            points, triangles, image.array.shape, image.ijk_to_ras, supersampling=tuple(parts[::-1])
-        )
+        shares = line_fractions(points, triangles, image.array.shape, image.ijk_to_ras, lines=_LINES)
         usual = _USUAL_SPREAD * spacing.min()
         painted = self._blurred(shares, usual)
         virtual, real = (
