@@ -59,10 +59,6 @@ _HOLD = 1.0
 _BENDING = (1e-3, 2e-4, 4e-5)
 # Radius around a point within which the deformed surface counts, in reaches.
 _NEAR = 0.7
-# Radius around a point in which the grey levels are left out, in reaches; and how far off the point lies, in widths of
-# the ramp, where 63 % of their weight is.
-_UNSEEN = 0.25
-_UNSEEN_FROM = 0.5
 # Points nearer to the surface than the first, mm, ask for no correction; no point of weight 1 is left farther off than
 # the second where a softer surface comes nearer.
 _MET, _LEFT = 0.01, 0.5
@@ -122,9 +118,9 @@ def correct(
         )
         raise ValueError(msg)
     points = agreeing(deformed, points)
-    distances = closest_points(surface, points).distances
-    reach = np.maximum(_REACH_RADII * ball, _REACH_DISTANCES * np.abs(distances))
-    observed = _Observed(before, deformed, points, distances, reach, options)
+    away = np.abs(closest_points(surface, points).distances)
+    reach = np.maximum(_REACH_RADII * ball, _REACH_DISTANCES * away)
+    observed = _Observed(before, deformed, points, reach, options)
     schedule = Schedule.around(image, deformed, options, points=points)
     stage = with_stacks(schedule, deformed, stacks, points=points).to_boundary_points
     return (yield from _fitted_to(points, observed, stage))
@@ -173,8 +169,6 @@ class _Observed:
     before, deformed : BSplineSurface
         Without the points, and deformed through them; of the same net.
     points : (n, 3) ndarray
-    distances : (n,) ndarray
-        Of the points from the surface before, mm.
     reach : (n,) ndarray
         How far around each point it counts, mm.
     options : FitOptions
@@ -183,7 +177,6 @@ class _Observed:
     before: BSplineSurface
     deformed: BSplineSurface
     points: np.ndarray
-    distances: np.ndarray
     reach: np.ndarray
     options: FitOptions
 
@@ -196,7 +189,7 @@ class _Observed:
         """Run a stage on the grey levels from the deformed surface, step by step; returns the last one."""
         space = sampled(self.deformed, self.options.closure)
         width = stage.virtual.profile.width
-        correlations = stage.correlations(space, share=self._seen(space, width))
+        correlations = stage.correlations(space, share=self._nearness(space, self.reach))
         weights = self.options.boundary_weight * np.pi * self.reach**2 / (width**2 * self.before.area())
         stiffness, reference = self._with_points(space, weights, *self._hold(correlations, stage))
         objective = Objective(correlations, stiffness=stiffness, reference=reference)
@@ -207,21 +200,15 @@ class _Observed:
             yield step
         return step
 
-    def _nearness(self, space: SampledSurface, radii: np.ndarray, shares: np.ndarray | float = 1.0) -> np.ndarray:
+    def _nearness(self, space: SampledSurface, radii: np.ndarray) -> np.ndarray:
         """How near each normal line of the deformed surface is to the points, on the same side of the organ, (n,).
 
         1 at a point and between two that are close together, 0 far from all.
         """
         frame = space.frame(np.zeros(space.n_dof))
         alike = frame.normals @ self.deformed.normals(*self.feet.parameters.T).T
-        near = shares * np.clip(alike, 0.0, 1.0) * np.exp(-((cdist(frame.points, self.feet.points) / radii) ** 4))
+        near = np.clip(alike, 0.0, 1.0) * np.exp(-((cdist(frame.points, self.feet.points) / radii) ** 4))
         return 1.0 - (1.0 - near).prod(axis=1)
-
-    def _seen(self, space: SampledSurface, width: float) -> np.ndarray:
-        """Share of the grey levels' weight that each line keeps, (n,): a ring around each point."""
-        shares = 1.0 - np.exp(-((self.distances / (_UNSEEN_FROM * width)) ** 2))
-        unseen = self._nearness(space, _UNSEEN * self.reach, shares)
-        return (1.0 - unseen) * self._nearness(space, self.reach)
 
     def _hold(self, correlations: Sequence[Correlation], stage: Stage):
         """Energies of the displacement since the deformed surface: matrix K and vector f of q' K q - 2 f' q."""
