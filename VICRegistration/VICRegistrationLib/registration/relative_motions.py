@@ -21,6 +21,9 @@ from .alignment import HOLD, SAMPLES, Alignment
 # shift. Half of it and two and a half times as much give the same errors on the demo's organs and on a real bladder;
 # without it the stack that shows a third of that bladder is left out.
 _GROWTH = 0.02
+# Distance of an edge from the surface, in widths of the edge, from which on it is taken for another one: Tukey's
+# biweight, with which a motion comes to rest where it started from anywhere within 1 mm and 2 degrees.
+_FARTHEST = 1.0
 
 
 def relative_motions(
@@ -87,7 +90,7 @@ def _weights(found: Alignment, trust: float) -> np.ndarray:
     if found.view is None:
         return np.zeros_like(found.offsets)
     voxel = found.view.voxel
-    near = np.abs(found.offsets) <= 0.5 * found.view.tau
+    near = np.clip(1.0 - (found.offsets / (_FARTHEST * found.view.tau)) ** 2, 0.0, None) ** 2
     return near * trust * found.sharpness / (abs(np.linalg.det(voxel)) * np.linalg.norm(voxel, axis=0).min() ** 2)
 
 
