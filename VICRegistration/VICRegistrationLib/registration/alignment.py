@@ -40,8 +40,9 @@ SAMPLES = (24, 16)
 HOLD = 2e-5
 # Partial volumes of a surface within so many pixels are taken: half of it and twice as much find the same motions.
 _NEAR_PIXELS = 0.5
-# Largest displacement of a control point at which a motion has come to rest, mm.
-_TOLERANCE = 0.02
+# Largest displacement of a control point at which a motion has come to rest, mm for a ramp as wide as the edge, and as
+# many times as much for one so many times as wide.
+_TOLERANCE = 0.03
 # How far from where a volume ends a surface that closes there is not the organ's, mm: half of it and one and a half.
 _BORDER_MM = 6.0
 # Distance between the places that are searched, mm, and how many of the best are tried.
@@ -191,7 +192,7 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
     for widening in _WIDENINGS:
         moved = surface.transformed(motion)
         wide = max(tau, min(widening * tau, thickness))
-        stage = _stage(sampler, moved, wide)
+        stage = _stage(sampler, moved, wide, tolerance=widening * _TOLERANCE)
         if stage is None:
             break
         center = moved.control_net.reshape(-1, 3).mean(axis=0)
@@ -209,7 +210,12 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
 
 
 def _stage(
-    sampler: Sampler, surface: BSplineSurface, tau: float, shares: Callable[..., np.ndarray] | None = None
+    sampler: Sampler,
+    surface: BSplineSurface,
+    tau: float,
+    shares: Callable[..., np.ndarray] | None = None,
+    *,
+    tolerance: float = _TOLERANCE,
 ) -> Stage | None:
     """Make a stage for a rigid motion; None where there is no difference between both sides of the surface.
 
@@ -229,7 +235,7 @@ def _stage(
         reach=0.5,
         n_depths=5,
         sliding=HOLD,
-        tolerance=_TOLERANCE,
+        tolerance=tolerance,
         max_iterations=20,
     )
 
@@ -241,6 +247,7 @@ def judged(
     *,
     known: np.ndarray | None = None,
     volumes: PartialVolumes | None = None,
+    tau: float | None = None,
 ) -> Alignment:
     """Measure how much of an edge a stack shows along a surface that is moved.
 
@@ -251,6 +258,8 @@ def judged(
     volumes : PartialVolumes, optional
         Of the stack: without them, curved edges across thick slices are not where the stack shows them, and motions
         that are found by them are off by 0.1 to 0.2 mm.
+    tau : float, optional
+        Width of the edge in the stack, mm; measured if not given.
 
     Returns
     -------
@@ -260,8 +269,9 @@ def judged(
     moved = surface.transformed(motion)
     voxel = sampler.image.ijk_to_ras[:3, :3]
     pixel = float(min(sampler.image.spacing))
-    width = edge_width(sampler, moved, voxel) or TAU_PIXELS * pixel
-    tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
+    if tau is None:
+        width = edge_width(sampler, moved, voxel) or TAU_PIXELS * pixel
+        tau = float(np.clip(width, LEAST_TAU_PIXELS * pixel, MOST_TAU_PIXELS * pixel))
     shares = None if volumes is None else partial(volumes.along, within=_NEAR_PIXELS * pixel)
     stage = _stage(sampler, moved, tau, shares)
     if stage is None:
@@ -280,6 +290,8 @@ def judged(
         profile.inside,
         profile.outside,
         tau,
+        PartialVolumes(sampler.image) if volumes is None else volumes,
+        motion,
     )
     cost = samples.cost / weight if weight > 0.0 else np.inf
     along = np.einsum("nmk,nk->nm", samples.gradients, samples.frame.normals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -65,6 +65,10 @@ class View:
         Typical grey levels on both sides of the organ's boundary; the inside may be the darker one.
     tau : float
         Width of the edge, mm.
+    volumes : PartialVolumes
+        In its voxels, where they lay before the image was moved.
+    motion : (4, 4) ndarray
+        Rigid: takes the frame of the fit to that of `volumes`.
     trust : float
         How much a voxel of it counts beside one of the first image.
     """
@@ -74,13 +78,16 @@ class View:
     inside: float
     outside: float
     tau: float
+    volumes: PartialVolumes
+    motion: np.ndarray
     trust: float = 1.0
 
     def moved(self, motion: np.ndarray) -> View:
         """Take the image to another place by a rigid motion, (4, 4)."""
         image = self.sampler.image
         moved = Sampler(Image(image.array, motion @ image.ijk_to_ras))
-        return replace(self, sampler=moved, voxel=motion[:3, :3] @ self.voxel)
+        voxel, to_volumes = motion[:3, :3] @ self.voxel, self.motion @ np.linalg.inv(motion)
+        return replace(self, sampler=moved, voxel=voxel, motion=to_volumes)
 
     def seen(self, surface: BSplineSurface) -> float:
         """Share of a surface's area that lies in the image."""
@@ -92,10 +99,9 @@ class View:
         """Count its voxels that lie in a band around a surface, as wide as its edge."""
         return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
 
-    @cached_property
-    def partial_volumes(self) -> PartialVolumes:
-        """Partial volumes in its voxels."""
-        return PartialVolumes(self.sampler.image)
+    def shares_along(self, surface: BSplineSurface, axes, depths, *, within: float) -> np.ndarray:
+        """Share of the image's blur that lies inside a surface, see :meth:`.PartialVolumes.along`."""
+        return self.volumes.along(surface.transformed(self.motion), axes, depths, within=within)
 
     def compared(self, options: FitOptions, *, widening: float, within: float) -> Further:
         """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
@@ -103,7 +109,7 @@ class View:
         profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
         # Levels that are given are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
-        shares = partial(self.partial_volumes.along, within=within)
+        shares = partial(self.shares_along, within=within)
         return Further(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
 
 
@@ -115,6 +121,8 @@ class Schedule:
     ----------
     sampler : Sampler
         The grey levels around the organ, in the frame in which it is fitted.
+    volumes : PartialVolumes
+        In its voxels.
     voxel : (3, 3) ndarray
         Columns are the edges of a voxel in that frame, mm.
     inside, outside : float
@@ -130,6 +138,7 @@ class Schedule:
     """
 
     sampler: Sampler
+    volumes: PartialVolumes
     voxel: np.ndarray
     inside: float
     outside: float
@@ -170,7 +179,7 @@ class Schedule:
         sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * widest))
         levels = levels_of_region(target, sampler, widest, options)
         voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
-        return cls(sampler, voxel, *levels, _as_to_start(options, pixel), target)
+        return cls(sampler, PartialVolumes(sampler.image), voxel, *levels, _as_to_start(options, pixel), target)
 
     @classmethod
     def around(
@@ -202,12 +211,16 @@ class Schedule:
         sampler = Sampler(crop_around(image, net if points is None else np.concatenate([net, points]), reach))
         options = _as_to_start(options, pixel)
         levels = levels_beside(surface, sampler, options)
-        return cls(sampler, image.ijk_to_ras[:3, :3], *levels, options)
+        return cls(sampler, PartialVolumes(sampler.image), image.ijk_to_ras[:3, :3], *levels, options)
 
     def chosen(self, *, anchor: float | None = None, **options) -> Schedule:
         """Take options, and perhaps an anchor, in place of those so far."""
         anchor = self.anchor if anchor is None else anchor
         return replace(self, options=self.options.filled_in(**options), anchor=anchor)
+
+    def unpainted(self) -> Schedule:
+        """Forget the partial volumes that were computed so far."""
+        return replace(self, volumes=PartialVolumes(self.sampler.image))
 
     def closer(self, factor: float) -> Schedule:
         """Hold the surface so many times closer to where a stage begins, and smoother."""
@@ -217,6 +230,11 @@ class Schedule:
     def pixel(self) -> float:
         """Finest voxel spacing, mm."""
         return float(np.linalg.norm(self.voxel, axis=0).min())
+
+    @property
+    def images(self) -> float:
+        """Number of images, where one counts less that is less trusted than the first."""
+        return 1.0 + sum(min(view.trust, 1.0) for view in self.views)
 
     def voxels_along(self, surface: BSplineSurface) -> float:
         """Count the voxels that lie in a band around a surface, as wide as its edge: what is seen there."""
@@ -269,11 +287,6 @@ class Schedule:
             "max_iterations": self.options.max_iterations,
         }
 
-    @cached_property
-    def partial_volumes(self) -> PartialVolumes:
-        """Partial volumes in the voxels of the first image."""
-        return PartialVolumes(self.sampler.image)
-
     def _on_grey_levels(self, name: str, *, widening: float, loosening: float, near: float) -> Stage:
         """Make a stage on the grey levels.
 
@@ -290,7 +303,7 @@ class Schedule:
         profile = IntensityProfile(
             self.inside, self.outside, widening * options.tau, centered=options.profile == "centered"
         )
-        shares = partial(self.partial_volumes.along, within=within)
+        shares = partial(self.volumes.along, within=within)
         return Stage(
             name,
             self.sampler,
