@@ -45,8 +45,8 @@ _MOSTLY_KNOWN = 0.95
 _TURNS, _AT_REST_MM = 8, 0.1
 # How far a surface may move in a stack before that is cut out around it again, mm.
 _KEPT_MM = 2.0
-# No image is taken for clearer than this mean squared residual: half and ten times of it give the demo's organs the same
-# distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
+# No image is taken for clearer than this mean squared residual: half and ten times of it give the demo's organs the
+# same distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
 _CLEAREST = 1e-4
 
 
