@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 from vtkmodules.vtkIOGeometry import vtkOBJWriter, vtkSTLWriter
@@ -113,6 +115,50 @@ def test_what_is_no_closed_mesh_is_refused_with_its_name(surface, tmp_path):
             read_reference(path)
         with pytest.raises(OSError, match=r"cannot be read \(No such file or directory\); give a file that exists"):
             read_reference(tmp_path / f"missing{suffix}")
+
+
+def ply(path, points, faces, *, binary, count="uchar", index="int"):
+    """PLY as other programs write it: with colours and other types, bytes or text."""
+    order = ">" if binary else ""
+    head = ["ply", "format binary_big_endian 1.0" if binary else "format ascii 1.0", f"element vertex {len(points)}"]
+    head += [f"property float {axis}" for axis in "xyz"] + ["property uchar red"]
+    head += [f"element face {len(faces)}", f"property list {count} {index} vertex_indices", "end_header", ""]
+    if not binary:
+        rows = [f"{x:.9g} {y:.9g} {z:.9g} 7" for x, y, z in points]
+        rows += [" ".join(map(str, [len(face), *face])) for face in faces]
+        path.write_text("\n".join([*head[:-1], *rows, ""]))
+        return path
+    kinds = {"uchar": "B", "int": "i", "uint": "I"}
+    rows = [struct.pack(f"{order}3fB", *point, 7) for point in points]
+    rows += [struct.pack(f"{order}{kinds[count]}{len(face)}{kinds[index]}", len(face), *face) for face in faces]
+    path.write_bytes("\n".join(head).encode() + b"".join(rows))
+    return path
+
+
+@pytest.mark.parametrize("binary", [True, False])
+@pytest.mark.parametrize("types", [("uchar", "int"), ("int", "uint")])
+def test_ply_of_other_programs_is_read_and_refused_where_it_is_damaged(surface, tmp_path, binary, types):
+    mesh = triangulate(surface)
+    points, faces = mesh.points, mesh.triangles.tolist()
+    kinds = {"binary": binary, "count": types[0], "index": types[1]}
+    path = ply(tmp_path / "a.ply", points, faces, **kinds)
+    assert depth(read_reference(path, frame="RAS").reference) == pytest.approx(-8.0, abs=0.1)
+    # VTK's reader ends the process with these.
+    whole = path.read_bytes()
+    for left in (0.3, 0.7, 0.99):
+        path.write_bytes(whole[: int(left * len(whole))])
+        with pytest.raises(ValueError, match=r"a\.ply is cut short or damaged"):
+            read_reference(path)
+    ply(path, points, [*faces[:-1], [0, 1, 10**8]], **kinds)
+    with pytest.raises(ValueError, match=r"a\.ply is cut short or damaged"):
+        read_reference(path)
+
+
+def test_polygons_of_points_that_are_not_there_are_refused(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n")
+    with pytest.raises(ValueError, match=r"corners that are not among its 3 points, so it is damaged"):
+        read_reference(path)
 
 
 def lines_of_stl(points, triangles):

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkFieldData, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkTriangleFilter
@@ -20,6 +21,7 @@ from ..frames import RAS_TO_LPS
 from ..geometry.polydata import polydata
 from ..geometry.surface_file import SurfaceRecord
 from ..imaging.library_messages import silent_vtk
+from .ply_check import check_ply
 from .surface_data import surface_in, triangles_in
 
 _READERS = {
@@ -64,6 +66,8 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
         msg = f"The mesh {path} was given; a file {', '.join(_READERS)} is needed."
         raise ValueError(msg)
     header = _header(path)
+    if path.suffix.lower() == ".ply":
+        check_ply(path)
     reader = _READERS[path.suffix.lower()]()
     reader.SetFileName(str(path))
     triangulated = vtkTriangleFilter()
@@ -72,6 +76,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     with silent_vtk():
         reader.Update()
         data = reader.GetOutput()
+        _check_corners(path, data)
         triangulated.SetInputData(data)
         triangulated.Update()
     found = triangulated.GetOutput()
@@ -135,6 +140,18 @@ def _header(path: Path) -> bytes:
     except OSError as error:
         msg = f"The file {path} cannot be read ({reason(error)}); give a file that exists."
         raise OSError(msg) from error
+
+
+def _check_corners(path: Path, data: vtkPolyData) -> None:
+    """Refuse polygons with corners that are not in the file: VTK reads them from anywhere."""
+    for cells in (data.GetPolys(), data.GetStrips()):
+        corners = vtk_to_numpy(cells.GetConnectivityArray())
+        if len(corners) and not 0 <= corners.min() <= corners.max() < data.GetNumberOfPoints():
+            msg = (
+                f"{path} has polygons with corners that are not among its {data.GetNumberOfPoints()} points, so it is "
+                "damaged; copy it again, or export it again where it was made."
+            )
+            raise ValueError(msg)
 
 
 def _field_data(path: Path) -> vtkFieldData:
