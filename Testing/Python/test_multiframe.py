@@ -155,6 +155,13 @@ def test_damaged_files_in_a_folder_are_told(tmp_path):
         assert farthest(read_image(folder)) == 0.0
 
 
+def test_a_damaged_file_is_refused(tmp_path):
+    path = save(multiframe(positions()), tmp_path / "one.dcm")
+    # The kind of an ImagePositionPatient.
+    path.write_bytes(path.read_bytes().replace(b"\x20\x00\x32\x00DS", b"\x20\x00\x32\x00ZZ", 1))
+    assert f"{path} is damaged (Unknown Value Representation" in refusal(path)
+
+
 def test_without_highdicom_it_says_what_to_install(tmp_path, monkeypatch):
     path = save(multiframe(positions()), tmp_path / "one.dcm")
     find = importlib.util.find_spec

@@ -167,6 +167,27 @@ def test_voxels_without_values_are_refused(tmp_path):
     assert "has no values in its voxels" in refusal(path)
 
 
+@pytest.mark.parametrize("name", ["a.vtk", "a.gipl", "a.gipl.gz"])
+def test_images_that_itk_would_fill_up_are_refused(tmp_path, name):
+    path = tmp_path / name
+    levels = np.random.default_rng(0).integers(0, 1000, (20, 30, 40)).astype(np.int16)
+    sitk.WriteImage(sitk.GetImageFromArray(levels), str(path))
+    np.testing.assert_array_equal(read_image(path, warn=lambda note: None).array, levels)
+    path.write_bytes(path.read_bytes()[:-500])
+    assert "is cut short (its data end too soon)" in refusal(path)
+
+
+def test_a_vtk_image_of_text_that_is_cut_short_is_refused(tmp_path):
+    path = vtk(tmp_path / "a.vtk", "SPACING 1 1 3", "ORIGIN 0 0 0")
+    head = path.read_bytes().partition(b"LOOKUP_TABLE default\n")[0].replace(b"BINARY", b"ASCII").decode()
+    for count, words in ((120, ""), (100, "is cut short")):
+        path.write_text(f"{head}LOOKUP_TABLE default\n" + "\n".join(map(str, range(1, count + 1))) + "\n")
+        if not words:
+            assert read_image(path, warn=lambda note: None).array.ravel().tolist() == list(range(1, 121))
+        else:
+            assert words in refusal(path)
+
+
 def test_voxels_in_a_file_that_is_gone(tmp_path):
     volume = sitk.GetImageFromArray(np.zeros((4, 5, 6), np.uint8))
     sitk.WriteImage(volume, str(tmp_path / "a.mhd"))

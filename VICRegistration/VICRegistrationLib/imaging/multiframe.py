@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
-from collections.abc import Iterator, MutableSequence, Sequence
+from collections.abc import Callable, Iterator, MutableSequence, Sequence
 
 import numpy as np
 
@@ -54,10 +55,11 @@ def header_of(name: str) -> dict[str, str]:
 
     try:
         dataset = pydicom.dcmread(name, stop_before_pixels=True)
-    except (pydicom.errors.InvalidDicomError, OSError, EOFError):
+        texts = [element for element in dataset if element.VR != "SQ"]
+        kind = {"0008|0016": str(dataset.file_meta.get("MediaStorageSOPClassUID", ""))}
+    # Of damaged files pydicom raises errors of many kinds, also when a value is looked at.
+    except Exception:
         return {}
-    texts = (element for element in dataset if element.VR != "SQ")
-    kind = {"0008|0016": str(dataset.file_meta.get("MediaStorageSOPClassUID", ""))}
     return {**kind, **{f"{each.tag.group:04x}|{each.tag.element:04x}": _text(each.value) for each in texts}}
 
 
@@ -67,9 +69,27 @@ def kind_of(sop_class: str) -> str:
         return ""
     from pydicom.uid import UID
 
-    return UID(sop_class).name
+    kind = UID(sop_class)
+    return kind.name if kind.is_valid else ""
 
 
+def _of_a_sound_file(function: Callable) -> Callable:
+    """Let a function with a file's name report what pydicom and highdicom raise of damaged ones in a sentence."""
+
+    @functools.wraps(function)
+    def checked(name: str, *more):
+        try:
+            return function(name, *more)
+        except ValueError:
+            raise
+        except Exception as error:
+            msg = f"{name} is damaged ({_reason(error)}); copy it again."
+            raise ValueError(msg) from error
+
+    return checked
+
+
+@_of_a_sound_file
 def slices_of(name: str) -> list[Slice]:
     """Places and properties of all frames of a file.
 
@@ -84,7 +104,7 @@ def slices_of(name: str) -> list[Slice]:
     Raises
     ------
     ValueError
-        If highdicom is not installed, or a frame has no place.
+        If highdicom is not installed, a frame has no place, or the file is damaged.
     """
     _require_highdicom(name)
     import pydicom
@@ -140,6 +160,7 @@ def frames_of(name: str, numbers: Sequence[int]) -> np.ndarray:
         raise ValueError(_not_decoded(name, error)) from error
 
 
+@_of_a_sound_file
 def segments_of(name: str) -> dict[int, str]:
     """Numbers and names of the segments of a DICOM segmentation.
 
@@ -154,13 +175,14 @@ def segments_of(name: str) -> dict[int, str]:
     Raises
     ------
     ValueError
-        If highdicom is not installed.
+        If highdicom is not installed, or the file is damaged.
     """
     segmentation = _segmentation(name)
     numbers = segmentation.segment_numbers
     return {number: str(segmentation.get_segment_description(number).segment_label) for number in numbers}
 
 
+@_of_a_sound_file
 def segment_in(name: str, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Voxels of one segment of a DICOM segmentation.
 

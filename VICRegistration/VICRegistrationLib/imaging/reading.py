@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
+import re
 import warnings
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +29,8 @@ _TOLD_DEGREES = 0.2
 _SMALL_MM, _FINE_MM = (4.0, 60.0), 0.15
 # ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
+# Those of them that ITK fills up where the data end too soon.
+_UNNOTICED = ("VTKImageIO", "GiplImageIO")
 _PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
 
 
@@ -219,13 +224,33 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
             "image format such as NIfTI, NRRD, MetaImage or DICOM."
         )
         raise ValueError(msg) from None
-    return sitk.GetArrayFromImage(volume), _matrix(volume), notes
+    array = sitk.GetArrayFromImage(volume)
+    _check_length(path, kind, array, reader)
+    return array, _matrix(volume), notes
 
 
 def _check_size(size: tuple[int, ...], path: Path) -> None:
     """Refuse what is one slice, before its voxels are read."""
     if len(size) < 3 or size[2] == 1:
         msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
+        raise ValueError(msg)
+
+
+def _check_length(path: Path, kind: str, array: np.ndarray, reader: sitk.ImageFileReader) -> None:
+    """Refuse a file whose voxels end too soon, of the formats in which ITK does not notice it."""
+    if kind not in _UNNOTICED:
+        return
+    count = int(np.prod(reader.GetSize())) * reader.GetNumberOfComponents()
+    content = path.read_bytes()
+    if path.name.lower().endswith(".gz"):
+        try:
+            content = gzip.decompress(content)
+        except (EOFError, OSError, zlib.error):
+            content = b""
+    head, table, values = content.partition(b"LOOKUP_TABLE default")
+    is_text = kind == "VTKImageIO" and re.search(rb"^\s*ASCII\s*$", head, re.M | re.I) is not None
+    if len(values.split()) < count if is_text and table else len(content) < count * array.itemsize:
+        msg = f"{path} is cut short (its data end too soon); copy or download it again."
         raise ValueError(msg)
 
 
