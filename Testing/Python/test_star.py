@@ -181,6 +181,30 @@ def test_the_right_boundary_has_more_support_than_a_fragment(ball):
     assert dice(whole, truth) > 0.98
 
 
+@pytest.mark.parametrize("thick", [4, 5])
+def test_thick_slices_move_no_edge(thick):
+    # Dim surroundings, and dark ones farther off, so that a blurred step is less than half of the contrast in a sample.
+    radius = np.linalg.norm(places(), axis=0)
+    levels = np.where(radius < RADIUS, 150.0, np.where(np.abs(places()[1]) < 29.0, 100.0, 20.0))
+    slices = levels[: len(levels) // thick * thick].reshape(-1, thick, *levels.shape[1:]).mean(axis=1)
+    matrix = np.diag([1.0, 1.0, thick, 1.0])
+    matrix[:3, 3] = -HALF, -HALF, -HALF + (thick - 1) / 2.0
+    star = find_star(Image(image_of(slices).array, matrix), np.zeros(3))
+    np.testing.assert_allclose(star.lengths, RADIUS, atol=0.5)
+    assert star.strengths[np.abs(star.directions[:, 2]) > 0.9].mean() > 0.9
+
+
+def test_the_far_end_of_a_long_organ_is_seen():
+    spacing, shape = 2.0, (91, 41, 41)
+    k, j, i = (np.indices(shape) - (np.array(shape).reshape(3, 1, 1, 1) - 1) / 2.0) * spacing
+    matrix = np.diag([spacing, spacing, spacing, 1.0])
+    matrix[:3, 3] = -(np.array(shape[::-1]) - 1) / 2.0 * spacing
+    image = Image(np.where((k / 80.0) ** 2 + (j / 30.0) ** 2 + (i / 30.0) ** 2 < 1.0, 150.0, 50.0), matrix)
+    star = find_star(image, np.array([0.0, 0.0, 70.0]))
+    assert not star.cut.any()
+    np.testing.assert_allclose(star.points[:, 2].min(), -80.0, atol=2.0)
+
+
 def test_a_shape_passes_the_places_that_are_known_of_its_wall():
     # Two sheets; the outer one is fainter, and costs more as the inner one was crossed.
     radius = np.linalg.norm(places(), axis=0)

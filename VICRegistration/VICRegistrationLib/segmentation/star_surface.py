@@ -19,6 +19,8 @@ from .sphere import cheapest_radii, sphere
 
 # Samples along a ray are so far apart, up to the longest.
 _STEP_MM, _LONGEST_MM = 0.75, 100.0
+# Rays are followed within this distance of the place given: the middle of a long organ is far from a place at its end.
+_REACH_MM = 1.5 * _LONGEST_MM
 # Radii to choose from begin here, and each is longer than the one before by this ratio.
 _SHORTEST_MM, _RATIO, _MOST_APART = 2.0, 1.05, 9
 # Single voxels of noise are averaged over this length.
@@ -27,6 +29,10 @@ _BLUR_MM = 0.5
 # it is shading: half of that is no edge.
 _BEFORE, _BEHIND, _EARLIER, _LATER = (-3, -1), (1, 2), (-8, -5), (5, 8)
 _SHADING = 0.5
+# In thick slices an edge is blurred: there the samples above are as many times as far apart as a voxel is longer along
+# the ray than so many of them. In seven bladders resampled to slices of 2.5 to 4 mm, axial and sagittal, the mean Dice
+# coefficient of the region is 0.910 without, 0.954 so, 0.935 with half and 0.919 with twice of it.
+_VOXEL_SAMPLES = 1.5
 # A step of this share of the contrast counts three quarters.
 STEP_SHARE = 0.4
 # Change of the grey level from sample to sample that is shading, in shares of the contrast, or noise.
@@ -159,9 +165,9 @@ def blurred(image: Image) -> np.ndarray:
 
 
 def _around(image: Image, seed: np.ndarray) -> Image:
-    """Cut out what rays from a place can reach, in grey levels from that at the place, averaged."""
+    """Cut out what is within reach of a place, in grey levels from that at the place, averaged."""
     voxel = np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int)
-    reach = np.ceil(_LONGEST_MM / image.spacing[::-1]).astype(int)
+    reach = np.ceil(_REACH_MM / image.spacing[::-1]).astype(int)
     crop = image.crop(np.maximum(voxel - reach, 0), np.minimum(voxel + reach + 1, image.array.shape))
     # Before the numbers are made short: a constant that is added to the image then changes nothing.
     levels = (crop.array.astype(float) - float(image.array[tuple(voxel)])).astype(np.float32)
@@ -180,9 +186,17 @@ class _Search:
         """Look once, from a place, at all radii."""
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
-        rays = _Rays.seen(self.sampler, center, directions, np.tile(radii, (len(directions), 1)))
+        rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
         costs, strengths = rays.costs(falls, self.wall)
         return rays.star(falls, _chosen(costs, radii), costs, strengths)
+
+    def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
+        """Look along rays."""
+        levels, valid = self.sampler.values(center + directions[:, None] * radii[..., None])
+        valid = np.logical_and.accumulate(valid, axis=1)
+        voxels = np.linalg.norm(directions @ np.linalg.inv(self.axes).T * self.image.spacing, axis=1)
+        widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
+        return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
 
     def again(self, star: Star, most: int) -> Star:
         """Look again from the middle of what was seen until it moves no more, so often at most."""
@@ -202,7 +216,7 @@ class _Search:
         lengths = between(sphere().directions, star.lengths, ball.directions)
         inner = int(np.ceil(lengths.max() / _STEP_MM))
         steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
-        rays = _Rays.seen(self.sampler, star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
+        rays = self.rays(star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
         costs, strengths = rays.costs(star.falls, self.wall)
         near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
         slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
@@ -212,20 +226,17 @@ class _Search:
 
 @dataclass(frozen=True, eq=False)
 class _Rays:
-    """Grey levels along rays from a place: radii, levels and where they are in the volume, each (n, m)."""
+    """Grey levels along rays from a place: radii, levels and where they are in the volume, each (n, m).
+
+    `widths`, (n, 1), are samples from one that counts to the next.
+    """
 
     center: np.ndarray
     directions: np.ndarray
     radii: np.ndarray
     levels: np.ndarray
     valid: np.ndarray
-
-    @classmethod
-    def seen(cls, sampler: Sampler, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
-        """Look along rays."""
-        levels, valid = sampler.values(center + directions[:, None] * radii[..., None])
-        valid = np.logical_and.accumulate(valid, axis=1)
-        return cls(center, directions, radii, continued(levels.astype(float), valid), valid)
+    widths: np.ndarray
 
     @cached_property
     def contrast(self) -> float:
@@ -235,8 +246,9 @@ class _Rays:
     def costs(self, falls: bool, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cost of every sample, and how much of an edge there is, where the level falls or rises."""
         levels = self.levels if falls else -self.levels
-        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast) + _RISEN * _risen(levels, self.contrast)
-        strengths = _strengths(levels, self.contrast)
+        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast, self.widths)
+        crossed += _RISEN * _risen(levels, self.contrast, self.widths)
+        strengths = _strengths(levels, self.contrast, self.widths)
         last = np.maximum(self.valid.sum(axis=1) - 1, 0)[:, None]
         end = np.take_along_axis(crossed, last, axis=1) - _END
         return np.where(self.valid, crossed - strengths, end) + self._missed(wall), strengths
@@ -257,14 +269,14 @@ class _Rays:
     def star(self, falls: bool, places: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
         """Make a star of the sample that was chosen on each ray."""
         rays, levels, sign = np.arange(len(places)), self.levels, 1.0 if falls else -1.0
-        depths = np.minimum(places[:, None] + np.arange(_DEPTH), levels.shape[1] - 1)
+        depths = np.minimum(places[:, None] + self.widths * np.arange(_DEPTH), levels.shape[1] - 1)
         return Star(
             center=self.center,
             directions=self.directions,
             lengths=self.radii[rays, places],
             strengths=strengths[rays, places],
             cut=~self.valid[rays, places],
-            inner=_means(levels, *_BEFORE)[rays, places],
+            inner=_means(levels, *_BEFORE, self.widths)[rays, places],
             outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
             contrast=self.contrast,
             falls=falls,
@@ -272,35 +284,42 @@ class _Rays:
         )
 
 
-def _strengths(levels: np.ndarray, contrast: float) -> np.ndarray:
+def _strengths(levels: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
     """How much of an edge there is at every sample where levels fall, from 0 to 1."""
-    before, behind = _means(levels, *_BEFORE), _means(levels, *_BEHIND)
-    shading = np.maximum(_means(levels, *_EARLIER) - before, 0.0) + np.maximum(behind - _means(levels, *_LATER), 0.0)
+    earlier, before, behind, later = (_means(levels, *part, widths) for part in (_EARLIER, _BEFORE, _BEHIND, _LATER))
+    shading = np.maximum(earlier - before, 0.0) + np.maximum(behind - later, 0.0)
     return np.maximum(np.tanh((before - behind - _SHADING * shading) / (STEP_SHARE * contrast)), 0.0)
 
 
-def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float) -> np.ndarray:
+def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
     """Sharp changes of the level that a ray has crossed before each sample, in units of the contrast."""
-    changes = np.abs(np.diff(levels, axis=1, prepend=levels[:, :1]))
+    places = np.arange(levels.shape[1])
+    changes = np.abs(levels - np.take_along_axis(levels, np.maximum(places - widths, 0), axis=1))
     slow = max(_SLOW * contrast, _NOISE * noise_of(changes[valid]))
-    sums = np.cumsum(np.maximum(changes - slow, 0.0), axis=1) / contrast
-    return np.pad(sums, ((0, 0), (_BEHIND[1], 0)))[:, : levels.shape[1]]
+    return _before(np.cumsum(np.maximum(changes - slow, 0.0) / widths, axis=1) / contrast, widths)
 
 
-def _risen(levels: np.ndarray, contrast: float) -> np.ndarray:
+def _risen(levels: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
     """How far levels have risen at most on the way to each sample, in units of the contrast."""
-    levels = _means(levels, -1, 1)
+    levels = _means(levels, -1, 1, np.ones_like(widths))
     risen = np.maximum.accumulate(levels - np.minimum.accumulate(levels, axis=1), axis=1) / contrast
-    return np.pad(risen, ((0, 0), (_BEHIND[1], 0)))[:, : levels.shape[1]]
+    return _before(risen, widths)
 
 
-def _means(levels: np.ndarray, first: int, last: int) -> np.ndarray:
-    """Means over the samples from the first to the last one, counted from every sample."""
-    left, right = max(-first, 0), max(last, 0)
+def _before(sums: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Shift sums to where an edge at every sample begins; 0 at the first ones."""
+    places = np.arange(sums.shape[1]) - _BEHIND[1] * widths
+    return np.where(places >= 0, np.take_along_axis(sums, np.maximum(places, 0), axis=1), 0.0)
+
+
+def _means(levels: np.ndarray, first: int, last: int, widths: np.ndarray) -> np.ndarray:
+    """Means over the samples from the first to the last one, counted from every sample in widths (n, 1)."""
+    most = int(widths.max())
+    left, right = max(-first, 0) * most, max(last, 0) * most
     sums = np.cumsum(np.pad(np.pad(levels, ((0, 0), (left, right)), mode="edge"), ((0, 0), (1, 0))), axis=1)
-    start, count = first + left, levels.shape[1]
-    width = last - first + 1
-    return (sums[:, start + width : start + width + count] - sums[:, start : start + count]) / width
+    start = np.arange(levels.shape[1]) + left + first * widths
+    count = (last - first) * widths + 1
+    return (np.take_along_axis(sums, start + count, axis=1) - np.take_along_axis(sums, start, axis=1)) / count
 
 
 def _chosen(costs: np.ndarray, radii: np.ndarray) -> np.ndarray:
