@@ -12,7 +12,7 @@ from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.steps import finish
-from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.growing import grown_region
 
 ORGANS = ("bladder", "vagina", "rectum")
 # Asked for: 0.2 mm in the mean for the bladder, 0.3 mm for the others, 0.8 mm at 95 %. Measured: 0.07 to 0.08 and 0.11
@@ -108,5 +108,5 @@ def test_the_paper_s_settings_put_the_surface_at_the_inner_foot_of_the_ramp(pelv
 def test_the_grey_levels_of_a_refusal_are_in_the_image(pelvis):
     assert pelvis.image.array.min() >= 0.0
     with pytest.raises(ValueError, match="that is no organ") as refusal:
-        separate(pelvis.image, [[-30.0, 60.0, 20.0]])
+        grown_region(pelvis.image, np.array([[-30.0, 60.0, 20.0]]))
     assert "The grey levels 0 to " in str(refusal.value)

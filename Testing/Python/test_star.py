@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.segmentation.edge_support import agreement, edge_support
+from VICRegistrationLib.segmentation.edge_support import agreement, area_without_edge, edge_support
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.sphere import cheapest_radii, sphere
 from VICRegistrationLib.segmentation.star_region import star_region
@@ -167,6 +167,28 @@ def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball):
     ]
     assert np.ptp(supports) < 0.005
     assert edge_support(image, region_from_mask(image, ndimage.binary_erosion(truth, iterations=5)), star) < 0.3
+
+
+@pytest.mark.parametrize("radius", [10.0, RADIUS])
+def test_the_area_without_an_edge_does_not_depend_on_the_size(ball, radius):
+    star = find_star(ball[0], np.zeros(3))
+    nothing = image_of(np.full_like(ball[0].array, 100.0), noise=0.0)
+    mask = np.linalg.norm(places(), axis=0) < radius
+    # Faces of voxels have 1.5 times the area of a ball.
+    area = 1.5 * (36.0 * np.pi) ** (1.0 / 3.0)
+    assert area_without_edge(nothing, region_from_mask(nothing, mask), star) == pytest.approx(area, rel=0.03)
+    assert area_without_edge(ball[0], region_from_mask(ball[0], ball[1]), star) < 0.02 * area
+
+
+def test_lobes_count_even_where_they_have_an_edge(ball):
+    image, truth = ball
+    lobes = (np.abs(places()[0]) < HALF - 5) & (np.abs(places()[1:]) < 6.0).all(axis=0)
+    dark = image.array.copy()
+    dark[lobes & ~truth] = 110.0
+    image, whole = Image(dark, image.ijk_to_ras), truth | lobes
+    star = find_star(image, np.zeros(3))
+    areas = [area_without_edge(image, region_from_mask(image, mask), star) for mask in (truth, whole)]
+    assert areas[0] < areas[1]
 
 
 def test_the_right_boundary_has_more_support_than_a_fragment(ball):

@@ -17,7 +17,7 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((star_surface, name) for name in ("STEP_SHARE", "_SLOW", "_NOISE", "_CROSSED", "_RISEN", "_STIFFNESS", "_END")),
     *((star_surface, name) for name in ("_SHADING", "_STEP_MM", "_BLUR_MM", "_VOXEL_SAMPLES", "AN_EDGE")),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
-    *((separation, name) for name in ("_MORE_SUPPORT", "_LEAST_SUPPORT", "_NOISE")),
+    *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_NOISE")),
     *((growing, name) for name in ("_MOST_TIMES_SEEN", "FRAGMENT")),
 )
 LIMIT_MM = 1.5

@@ -55,6 +55,27 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     return float(np.maximum(np.tanh(falls.max(axis=1) / (STEP_SHARE * star.contrast)), 0.0).mean())
 
 
+def area_without_edge(image: Image, region: Region, star: Star) -> float:
+    """Area of a region's boundary along which the image shows no edge, where the region's volume is 1.
+
+    Parameters
+    ----------
+    image : Image
+    region : Region
+    star : Star
+        Give contrast and sign of the edge.
+
+    Returns
+    -------
+    float
+        A region of any size has the same: a ball with no edge at all has 7.3, since faces of voxels are counted.
+    """
+    mask, spacing = np.pad(region.mask, 1).astype(np.int8), region.spacing[::-1]
+    faces = [np.count_nonzero(np.diff(mask, axis=axis)) / spacing[axis] for axis in range(3)]
+    area = sum(faces) * np.prod(spacing)
+    return (1.0 - edge_support(image, region, star)) * area / (1000.0 * region.volume_ml) ** (2.0 / 3.0)
+
+
 def agreement(first: Region, second: Region) -> float:
     """Dice coefficient of two regions on one grid."""
     start = np.maximum(first.offset, second.offset)

@@ -11,7 +11,7 @@ from ..imaging.image import Image, as_image
 from ..imaging.region import Region
 from ..messages import Diagnostic
 from .checks import TooLarge, check_scale, fills_volume
-from .edge_support import agreement, edge_support
+from .edge_support import agreement, area_without_edge, edge_support
 from .growing import grown_region
 from .ray_edges import levels_at
 from .ray_origins import CLICK_MM
@@ -22,9 +22,10 @@ from .star_surface import Star, find_star
 
 # Below this Dice coefficient, two regions are not the same organ: one has leaked, is a fragment, or is bent.
 _SAME_ORGAN = 0.85
-# The shape is taken where its boundary has more of an edge by this. Where both are right, it has up to 0.008 more in
-# phantoms and 0.010 in real bladders; where the other one has lobes or leaves a part out, 0.016 and more.
-_MORE_SUPPORT = 0.012
+# The shape is taken where it has less boundary without an edge by this area, for a volume of 1. Of 245 separations of
+# phantoms, bladders and bladders that were changed, the region that is worse by more than half a millimetre was taken
+# once with 0.03 to 0.15, four times with 0.18.
+_LESS_WITHOUT_EDGE = 0.09
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
 # Nor is one found in surroundings whose contrast is less than so many standard deviations of the noise: noise alone has
@@ -38,8 +39,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
-    The second is taken where the image shows more of an edge along its boundary, as where the first has lobes or
-    leaves a part out, and where the first has leaked; else the first.
+    The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
+    and where the first has leaked; else the first.
 
     Parameters
     ----------
@@ -112,10 +113,10 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star):
             raise refused
         return shaped
-    supports = [edge_support(image, region, star) for region in (grown, shaped)]
     # A leak has edges too, at other tissue.
-    leaked = bool(grown.diagnostics) and supports[1] >= _LEAST_SUPPORT
-    better = shaped if leaked or supports[1] > supports[0] + _MORE_SUPPORT else grown
+    leaked = bool(grown.diagnostics) and edge_support(image, shaped, star) >= _LEAST_SUPPORT
+    less = np.subtract(*(area_without_edge(image, region, star) for region in (grown, shaped)))
+    better = shaped if leaked or less > _LESS_WITHOUT_EDGE else grown
     if agreement(grown, shaped) >= _SAME_ORGAN:
         return better
     sizes = {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better}
