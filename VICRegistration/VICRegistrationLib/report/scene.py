@@ -175,10 +175,12 @@ def _draw_triangles(axes, shapes: Sequence[Shape], view: np.ndarray, finish) -> 
         collection = TriMesh(Triangulation(*places.T, triangles[order]))
         collection.set_facecolor(np.column_stack([shades, np.ones(len(shades))]))
     else:
-        # Smooth triangles overlap along their edges, which is seen where they are translucent.
-        opacity = np.concatenate([np.full(len(shape.triangles), shape.opacity) for shape in shapes])
-        colours = np.column_stack([shades[triangles].mean(axis=1), opacity])[order]
-        collection = PolyCollection(places[triangles[order]], facecolors=colours, edgecolors="none", antialiaseds=False)
+        # Smooth triangles overlap along their edges, which is seen where they are translucent. So do sharp edges; soft
+        # ones let through what is behind, which is seen where they are opaque.
+        opacity = np.concatenate([np.full(len(shape.triangles), shape.opacity) for shape in shapes])[order]
+        colours = np.column_stack([shades[triangles[order]].mean(axis=1), opacity])
+        style = {"facecolors": colours, "edgecolors": "none", "antialiaseds": (opacity < 1.0).tolist()}
+        collection = PolyCollection(places[triangles[order]], **style)
     axes.add_collection(collection, autolim=False)
     return places.min(axis=0), places.max(axis=0)
 
