@@ -27,12 +27,14 @@ from .sample_grid import SampledSurface
 from .schedule import Schedule
 from .stages import Step, last_step
 
-# Largest drift, as a share of the radius of a ball of the region's volume.
+# Largest drift, as a share of the radius of a ball of the region's volume. The demo's organs and seven real bladders
+# drift by 0.02 to 0.18 of it, so that half and twice as much change nothing; hippocampi, which show no edge, by up to
+# 0.59, where they fold.
 _LARGEST_DRIFT = 0.5
 _SAMPLES = (32, 20)
 # Of the surface, where the region is compared with it.
 _DENSE_SAMPLES = (64, 48)
-# How much closer to the region a surface is held that has been refused.
+# How much closer to the region a surface is held that has been refused. Hippocampi stay in their place with the first.
 _CLOSER = (10.0, 100.0)
 
 
