@@ -91,9 +91,18 @@ def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
         If it is not clear which series is meant, or it is no volume.
     """
     headers, damaged = _headers(folder)
-    array, matrix = _read(_chosen_series(headers, folder, series), f"the DICOM series in {folder}", frame)
-    note = f"it holds files that are damaged and were left out ({len(damaged)}): {', '.join(damaged[:_LISTED])}"
-    return array, matrix, [note] if damaged else []
+    left_out = f"holds files that are damaged and were left out ({len(damaged)}): {', '.join(damaged[:_LISTED])}"
+    try:
+        array, matrix = _read(_chosen_series(headers, folder, series), f"the DICOM series in {folder}", frame)
+    except SeveralVolumes:
+        raise
+    except ValueError as error:
+        if not damaged:
+            raise
+        # They may be the slices that are missing.
+        msg = f"{error} The folder also {left_out}."
+        raise ValueError(msg) from error
+    return array, matrix, [f"it {left_out}"] if damaged else []
 
 
 def read_file(path: Path, frame: int | None) -> Placed:
