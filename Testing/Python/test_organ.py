@@ -121,7 +121,7 @@ def test_a_rough_segmentation_is_drawn_to_the_edge(image):
 
 def test_the_dilation_may_differ_from_the_erosion(image):
     def volume(**options):
-        return fitted(image, max_iterations=1, erosion=2.4, **options).region.volume_ml
+        return fitted(image, net=(9, 7), max_iterations=1, erosion=2.4, **options).region.volume_ml
 
     assert volume(dilation=0.0) < 0.8 * volume()
     assert volume(dilation=2.4) == volume()
@@ -131,8 +131,10 @@ def test_the_dilation_may_differ_from_the_erosion(image):
 
 @pytest.mark.parametrize("tau", [3.0, 3.6])
 def test_the_published_profile_shifts_the_contour_inward_by_about_half_the_ramp(image, tau):
-    centred = deviation(fitted(image, tau=tau).surface, ellipsoid(), n_points=1000)
-    published = deviation(fitted(image, tau=tau, profile="paper").surface, ellipsoid(), n_points=1000)
+    centred, published = (
+        deviation(fitted(image, net=(9, 7), tau=tau, profile=profile).surface, ellipsoid(), n_points=1000)
+        for profile in ("centered", "paper")
+    )
     # The edge of the image is blurred more than the ramp is wide across slices, which adds a little.
     assert -0.65 * tau < published.mean_signed - centred.mean_signed < -0.45 * tau
 
@@ -222,7 +224,7 @@ def test_the_iterations_are_bounded(image):
 
 
 def test_a_fit_can_be_left_between_any_two_steps(image, fit):
-    for count in range(0, fit.iterations, 3):
+    for count in (0, 4, fit.iterations - 1):
         steps = fit_organ(image, SEED)
         for expected in fit.history[:count]:
             np.testing.assert_array_equal(next(steps).surface.control_net, expected.surface.control_net)
