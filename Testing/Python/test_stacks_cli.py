@@ -48,9 +48,12 @@ def test_the_report_tells_what_became_of_each_stack(folder, output):
     used, noise = stacks_of(output)
     assert (used["file"], used["used"], used["reason"]) == (str(folder / "ax.nii.gz"), True, None)
     assert used["translation_mm"] == pytest.approx([2.0, -1.5, 1.5], abs=0.4)
+    assert 0.0 < used["translation_sd_mm"] < 0.2
+    assert 0.0 < used["rotation_sd_degrees"] < 2.0
     assert used["share_of_area_seen"] == pytest.approx(1.0)
     assert used["cost"] < 0.1
     assert not noise["used"]
+    assert (noise["translation_sd_mm"], noise["rotation_sd_degrees"]) == (None, None)
     assert noise["reason"]["sentence"].startswith("The stack shows no such edge")
 
 
@@ -58,6 +61,7 @@ def test_the_page_shows_the_contour_in_the_stack_that_was_used(folder, output):
     page = (output / "report.html").read_text(encoding="utf-8")
     assert "Further stacks" in page
     assert page.count("in its own plane") == 1
+    assert page.count(" ± ") >= 2
     assert "The stack shows no such edge" in page
 
 

@@ -99,7 +99,7 @@ class StacksTest(PanelTestCase):
         self.assertLess(self.distance(organ), 0.3)
         moved, away = self.table.item(0, 1).text(), float(np.linalg.norm(self.SHIFT))
         self.assertAlmostEqual(float(moved.split(" mm, ")[0]), away, delta=0.3)
-        self.assertIn(f"used, moved {moved.split(' mm')[0]} mm", self.table.item(0, 1).toolTip())
+        self.assertIn(f"used, moved {moved.split(' mm')[0]} ± ", self.table.item(0, 1).toolTip())
         # The other organ has not been fitted yet.
         self.assertFalse(self.table.isColumnHidden(2))
         self.add("vagina")

@@ -10,11 +10,17 @@ from ..imaging.reading import read_image
 from ..messages import Diagnostic
 from ..registration.stacks import StackUse
 
+# Not in reports that were written before fits knew them.
+_DEVIATIONS = ("translation_sd_mm", "rotation_sd_degrees")
+
 
 def motion_text(stack: StackUse) -> str:
-    """Say how an organ moved from the first image to a stack."""
+    """Say how an organ moved from the first image to a stack that was used, and how sure that is."""
     shift = ", ".join(f"{value:+.1f}" for value in stack.translation_mm)
-    return f"R A S {shift} mm and {stack.rotation_degrees:.1f} degrees"
+    return (
+        f"R A S {shift} (± {stack.translation_sd_mm:.1g}) mm and {stack.rotation_degrees:.1f} "
+        f"(± {stack.rotation_sd_degrees:.1g}) degrees"
+    )
 
 
 def stack_entry(stack: StackUse) -> dict[str, object]:
@@ -29,7 +35,8 @@ def stack_entry(stack: StackUse) -> dict[str, object]:
     -------
     dict
         `translation_mm` and `rotation_degrees` are those of the organ about its centre, from the first image to this
-        stack, and `motion` the whole matrix, RAS mm. `cost` is None where the stack shows no difference between both
+        stack, those with `sd` their standard deviations, None where the stack was not compared with the first image,
+        and `motion` is the whole matrix, RAS mm. `cost` is None where the stack shows no difference between both
         sides of the surface.
     """
     return {
@@ -37,12 +44,19 @@ def stack_entry(stack: StackUse) -> dict[str, object]:
         "used": stack.used,
         "reason": None if stack.reason is None else stack.reason.record(),
         "translation_mm": [float(value) for value in stack.translation_mm],
+        "translation_sd_mm": _finite(stack.translation_sd_mm),
         "rotation_degrees": stack.rotation_degrees,
+        "rotation_sd_degrees": _finite(stack.rotation_sd_degrees),
         "motion": stack.motion.tolist(),
         "center": [float(value) for value in stack.center],
         "share_of_area_seen": float(stack.seen),
-        "cost": float(stack.cost) if np.isfinite(stack.cost) else None,
+        "cost": _finite(stack.cost),
     }
+
+
+def _finite(value: float) -> float | None:
+    """Take a number as JSON keeps it, which knows no infinity: None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
 
 
 def restored_stack(entry: Mapping[str, object]) -> StackUse:
@@ -62,4 +76,5 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
         center=np.array(entry["center"]),
         seen=entry["share_of_area_seen"],
         cost=np.inf if entry["cost"] is None else entry["cost"],
+        **{name: np.nan if entry.get(name) is None else entry[name] for name in _DEVIATIONS},
     )

@@ -248,11 +248,14 @@ def _long(record, node):
     if not record.used:
         return _("The stack {stack} was left out. {reason}").format(stack=node.GetName(), reason=record.reason)
     return _(
-        "{stack}: used, moved {shift} mm, {turn} degrees. It shows {seen} % of the surface, with a cost of {cost}."
+        "{stack}: used, moved {shift} ± {shiftDeviation} mm, {turn} ± {turnDeviation} degrees (standard deviations). "
+        "It shows {seen} % of the surface, with a cost of {cost}."
     ).format(
         stack=node.GetName(),
         shift=f"{record.shift:.1f}",
+        shiftDeviation=f"{record.shiftDeviation:.1g}",
         turn=f"{record.turn:.1f}",
+        turnDeviation=f"{record.turnDeviation:.1g}",
         seen=f"{100 * record.seen:.0f}",
         cost=f"{record.cost:.3g}",
     )

@@ -39,6 +39,8 @@ class StackRecord:
         How far the organ's centre is displaced from where the scene shows it, mm.
     turn : float
         Angle that it is rotated by, degrees.
+    shiftDeviation, turnDeviation : float
+        Standard deviations of both; 0 where they are not known.
     seen : float
         Share of the surface's area that lies in the stack, 0 to 1.
     cost : float
@@ -52,6 +54,8 @@ class StackRecord:
     reason: str = ""
     shift: float = 0.0
     turn: float = 0.0
+    shiftDeviation: float = 0.0
+    turnDeviation: float = 0.0
     seen: float = 0.0
     cost: float = 0.0
     motion: tuple = ()
@@ -316,8 +320,10 @@ def _recordOf(use, volumeNode):
         reason=sentence(use.reason) if use.reason is not None else "",
         shift=float(np.linalg.norm(use.translation_mm)),
         turn=float(use.rotation_degrees),
+        # JSON knows neither nan nor infinity.
+        shiftDeviation=float(np.nan_to_num(use.translation_sd_mm)),
+        turnDeviation=float(np.nan_to_num(use.rotation_sd_degrees)),
         seen=float(use.seen),
-        # JSON knows no infinity.
         cost=float(use.cost) if np.isfinite(use.cost) else -1.0,
         motion=tuple(motion.ravel().tolist()),
     )

@@ -68,6 +68,7 @@ class JointStacks:
         self.stacks, self.frame = tuple(stacks), frame
         self._reasons: list[Diagnostic | None] = [None] * len(self.stacks)
         self._found: list[Alignment | None] = [None] * len(self.stacks)
+        self._deviations = np.full((len(self.stacks), 2), np.nan)
         self._own = None
         self._fitted: set[int] = set()
         self._kept: dict[int, tuple[np.ndarray, Sampler, PartialVolumes]] = {}
@@ -138,10 +139,11 @@ class JointStacks:
                 break
             found = [self._found[number] for number in used]
             trusts = [1.0, *(trust_of(each, self._own) for each in found)]
-            motions, moved = relative_motions(surface, [self._own, *found], trusts)
-            for number, motion in zip(used, motions):
+            relative = relative_motions(surface, [self._own, *found], trusts)
+            for number, motion, deviations in zip(used, relative.motions, relative.deviations):
                 self._found[number] = self._found[number].at(motion)
-            if moved < _AT_REST_MM:
+                self._deviations[number] = deviations
+            if relative.moved < _AT_REST_MM:
                 break
         return self._with_views(schedule)
 
@@ -190,8 +192,10 @@ class JointStacks:
                 center=center,
                 seen=found.seen,
                 cost=found.cost,
+                rotation_sd_degrees=float(turn),
+                translation_sd_mm=float(shift),
             )
-            for stack, reason, found in zip(self.stacks, self._reasons, self._found)
+            for stack, reason, found, (turn, shift) in zip(self.stacks, self._reasons, self._found, self._deviations)
         )
 
     # ------------------------------------------------------------------ one stack

@@ -9,6 +9,7 @@ equations (their Schur complement): the edges of the stacks are compared with ea
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,9 +27,29 @@ _GROWTH = 0.02
 _FARTHEST = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class RelativeMotions:
+    """Motions of k further stacks beside the first one.
+
+    Parameters
+    ----------
+    motions : list of k (4, 4) ndarray
+        mm.
+    moved : float
+        How far they are from those before, root mean square over the surface, mm.
+    deviations : (k, 2) ndarray
+        Standard deviations of each turn (degrees) and of each displacement of the surface's centre (mm), as far as the
+        edges of the stacks are apart from each other after these motions.
+    """
+
+    motions: list[np.ndarray]
+    moved: float
+    deviations: np.ndarray
+
+
 def relative_motions(
     surface: BSplineSurface, alignments: Sequence[Alignment], trusts: Sequence[float]
-) -> tuple[list[np.ndarray], float]:
+) -> RelativeMotions:
     """Find how further stacks have moved beside the first one, by the edges of all of them.
 
     Parameters
@@ -42,10 +63,7 @@ def relative_motions(
 
     Returns
     -------
-    motions : list of k (4, 4) ndarray
-        Of the further stacks, mm.
-    moved : float
-        How far they are from those of the alignments, root mean square over the surface, mm.
+    RelativeMotions
 
     Notes
     -----
@@ -65,10 +83,44 @@ def relative_motions(
 
     weights = np.array([_weights(each, trust) for each, trust in zip(alignments, trusts)])
     offsets = np.array([each.offsets for each in alignments])
+    motions = [each.motion for each in alignments[1:]]
+    before = np.array([_unknowns(motion, center) for motion in motions])
+    matrix, right = _equations(weights, offsets, along, held, before)
+    inverse = np.linalg.pinv(matrix, hermitian=True)
+    found = (inverse @ right).reshape(len(motions), 7)
+    steps = found[:, :6]
+    covariance = inverse * _variance(weights, offsets, np.vstack([np.zeros(7), found]) @ along.T)
+    variances = np.maximum(np.diag(covariance).reshape(-1, 7), 0.0)
+    deviations = np.sqrt(np.column_stack([variances[:, :3].sum(axis=1), variances[:, 3:6].sum(axis=1)]))
+    deviations[:, 0] = np.degrees(deviations[:, 0])
+    moved = float(np.sqrt(max(step @ held @ step for step in steps)))
+    return RelativeMotions([m @ rigid_matrix(step, center) for m, step in zip(motions, steps)], moved, deviations)
+
+
+def _equations(
+    weights: np.ndarray, offsets: np.ndarray, along: np.ndarray, held: np.ndarray, before: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Make the normal equations of the seven unknowns of each further stack, after the surface is eliminated.
+
+    Parameters
+    ----------
+    weights, offsets : (1 + k, n) ndarray
+        Of each stack's edge on each line.
+    along : (n, 7) ndarray
+        Displacement of an edge by each unknown.
+    held : (6, 6) ndarray
+        Mean squared displacement of the surface by the first six.
+    before : (k, 6) ndarray
+        Motions so far.
+
+    Returns
+    -------
+    matrix : (7 k, 7 k) ndarray
+    right : (7 k,) ndarray
+    """
     total = np.maximum(weights.sum(axis=0), 1e-300)
     joint = (weights * offsets).sum(axis=0) / total
-    motions = [each.motion for each in alignments[1:]]
-    count = len(motions)
+    count = len(before)
     matrix, right = np.zeros((count, 7, count, 7)), np.zeros((count, 7))
     for one in range(count):
         for other in range(count):
@@ -77,12 +129,19 @@ def relative_motions(
             if one == other:
                 matrix[one, :6, one, :6] += HOLD * left.sum() * held
                 matrix[one, 6, one, 6] += _GROWTH * left.sum()
-                right[one, :6] = -HOLD * left.sum() * held @ _unknowns(motions[one], center)
+                right[one, :6] = -HOLD * left.sum() * held @ before[one]
         right[one] += along.T @ (weights[1 + one] * (offsets[1 + one] - joint))
-    size = right.size
-    steps = np.linalg.lstsq(matrix.reshape(size, size), right.ravel(), rcond=None)[0].reshape(count, 7)[:, :6]
-    moved = float(np.sqrt(max(step @ held @ step for step in steps)))
-    return [motion @ rigid_matrix(step, center) for motion, step in zip(motions, steps)], moved
+    return matrix.reshape(right.size, right.size), right.ravel()
+
+
+def _variance(weights: np.ndarray, offsets: np.ndarray, moved: np.ndarray) -> float:
+    """Variance of an edge of weight 1 by how far edges are apart after they were moved; all of shape (1 + k, n)."""
+    total = np.maximum(weights.sum(axis=0), 1e-300)
+    left = offsets - moved
+    left = left - (weights * left).sum(axis=0) / total
+    # How much a line says about differences: little where one stack alone knows it.
+    shared = (weights * (1.0 - weights / total)).sum(axis=0)
+    return float((weights * left**2).sum() * (shared**2).sum() / max(shared.sum() ** 2, 1e-300))
 
 
 def _weights(found: Alignment, trust: float) -> np.ndarray:

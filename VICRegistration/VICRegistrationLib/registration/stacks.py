@@ -81,6 +81,9 @@ class StackUse:
     cost : float
         Mean squared residual along the surface in this stack, in units of its squared contrast; infinite where it shows
         no difference between both sides.
+    translation_sd_mm, rotation_sd_degrees : float
+        Standard deviations of the displacement of the organ's centre and of its rotation, by how far the edges of the
+        stacks are apart from each other along the surface; nan where they were not compared.
     """
 
     name: str
@@ -90,6 +93,8 @@ class StackUse:
     center: np.ndarray
     seen: float
     cost: float
+    translation_sd_mm: float = np.nan
+    rotation_sd_degrees: float = np.nan
 
     @property
     def used(self) -> bool:

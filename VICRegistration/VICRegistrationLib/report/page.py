@@ -242,6 +242,8 @@ def _stacks(fit: OrganFit) -> list[tuple[str, ...]]:
         shift = ", ".join(f"{value:+.1f}" for value in use.translation_mm)
         cost = f"{use.cost:.3g}" if np.isfinite(use.cost) else "none"
         turn, seen = f"{use.rotation_degrees:.1f}°", percent_text(use.seen)
+        if np.isfinite(use.translation_sd_mm):
+            shift, turn = f"{shift} ± {use.translation_sd_mm:.1g}", f"{turn} ± {use.rotation_sd_degrees:.1g}°"
         rows.append((use.name, shift, turn, seen, cost, "yes" if use.reason is None else use.reason.sentence()))
     return rows
 
