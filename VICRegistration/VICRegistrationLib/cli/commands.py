@@ -1,4 +1,4 @@
-"""The commands: from parsed words to work done."""
+"""The commands: from parsed words to work done. What cannot be done is an error with a sentence for the user."""
 
 from __future__ import annotations
 
@@ -75,17 +75,7 @@ def _verdict(organ: FittedOrgan) -> str:
 
 
 def phantom(options: argparse.Namespace) -> None:
-    """Write the synthetic MRI with its true surfaces.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError
-        With a sentence for the user.
-    """
+    """Write the synthetic MRI with its true surfaces."""
     from ..phantoms.pelvis import pelvis_phantom, write_phantom
     from ..phantoms.stacks import further_stacks, write_stacks
 
@@ -112,17 +102,7 @@ def _keep_files_of_the_user(folder: Path) -> None:
 
 
 def reproduce(options: argparse.Namespace) -> None:
-    """Repeat the paper's validation and write a table and plots.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    OSError, RuntimeError
-        With a sentence for the user.
-    """
+    """Repeat the paper's validation and write a table and plots."""
     from ..report.figure import require_packages
     from ..validation.report import reproduce as run
 

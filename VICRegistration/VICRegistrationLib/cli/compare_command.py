@@ -46,15 +46,7 @@ examples:
 
 
 def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command.
-
-    Parameters
-    ----------
-    subparsers
-        Of argparse.
-    add_command : callable
-        Makes a parser from subparsers, name, summary and function.
-    """
+    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
     summary = "measure how far surfaces are from a segmentation or a mesh"
     parser = add_command(subparsers, "compare", summary, run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
@@ -82,17 +74,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print the deviation of every surface, and write all about it if a folder was named.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError, RuntimeError
-        With a sentence for the user.
-    """
+    """Print the deviation of every surface, and write all about it if a folder was named."""
     solids = read_solids(options.surfaces)
     paths = references.reference_paths(options.reference, [solid.name for solid in solids])
     before = [] if options.output is None else organs_before(Path(options.output))

@@ -36,15 +36,7 @@ examples:
 
 
 def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command.
-
-    Parameters
-    ----------
-    subparsers
-        Of argparse.
-    add_command : callable
-        Makes a parser from subparsers, name, summary and function.
-    """
+    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
     parser = add_command(subparsers, "export", "write surfaces as STEP, STL, PLY or VTP", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--step", metavar="FILE", help="exact solids for CAD and simulation (AP214)")
@@ -68,17 +60,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write all files that were asked for, or none.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError
-        With a sentence for the user.
-    """
+    """Write all files that were asked for, or none."""
     wanted = {kind: getattr(options, kind) for kind in _SUFFIXES if getattr(options, kind) is not None}
     if not wanted:
         msg = "No format was chosen; give at least one of --step FILE, --stl FILE, --ply FILE and --vtp FILE."

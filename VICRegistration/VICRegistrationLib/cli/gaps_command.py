@@ -25,32 +25,14 @@ examples:
 
 
 def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command.
-
-    Parameters
-    ----------
-    subparsers
-        Of argparse.
-    add_command : callable
-        Makes a parser from subparsers, name, summary and function.
-    """
+    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
     parser = add_command(subparsers, "gaps", "measure gaps and overlaps between organs", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--output", metavar="FILE", type=Path, help="JSON file for the numbers")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print gap or overlap of every pair, and write them if a file was named.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError
-        With a sentence for the user.
-    """
+    """Print gap or overlap of every pair, and write them if a file was named."""
     if options.output is not None:
         if options.output.suffix.lower() != ".json":
             msg = f"--output {options.output} was given; the numbers are JSON, in a file whose name ends in .json."

@@ -50,15 +50,7 @@ examples:
 
 
 def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command.
-
-    Parameters
-    ----------
-    subparsers
-        Of argparse.
-    add_command : callable
-        Makes a parser from subparsers, name, summary and function.
-    """
+    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
     parser = add_command(subparsers, "mesh", "fill surfaces with tetrahedra for simulation", run, epilog=_EPILOG)
     parser.add_argument(
         "surfaces", metavar="SURFACE", nargs="+", help="surface file of fit, NAME.json or NAME.vtp; or one model.json"
@@ -100,17 +92,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Mesh surfaces and write the mesh and its quality.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError, RuntimeError
-        With a sentence for the user.
-    """
+    """Mesh surfaces and write the mesh and its quality."""
     target = Path(folder_name(options.output))
     chosen = {
         word: getattr(options, word)

@@ -49,15 +49,7 @@ example:
 
 
 def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command.
-
-    Parameters
-    ----------
-    subparsers
-        Of argparse.
-    add_command : callable
-        Makes a parser from subparsers, name, summary and function.
-    """
+    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
     parser = add_command(subparsers, "model", "models of several organs and of what holds them", None, epilog=_EPILOG)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     fitting = add_command(actions, "fit", "fit a model to an image", model_fitting.run, epilog=model_fitting.EPILOG)
@@ -70,17 +62,7 @@ def add_parser(subparsers, add_command: Callable) -> None:
 
 
 def show(options: argparse.Namespace) -> None:
-    """List the parts of a model, and write it if a file was named.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError, RuntimeError
-        With a sentence for the user.
-    """
+    """List the parts of a model, and write it if a file was named."""
     output = options.output
     if output is not None:
         check_suffix(output)

@@ -95,17 +95,7 @@ def add_words(fit: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Fit a generic model to an image and write everything about it into a folder.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-
-    Raises
-    ------
-    ValueError, OSError, RuntimeError
-        With a sentence for the user.
-    """
+    """Fit a generic model to an image and write everything about it into a folder."""
     pictures, folder = not options.no_pictures, Path(options.output)
     if pictures:
         require_packages("matplotlib", "jinja2")
