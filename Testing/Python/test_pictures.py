@@ -25,16 +25,14 @@ from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.report import pictures
 from VICRegistrationLib.report.contents import ReportedOrgan, compared_organ, fine_mesh
 from VICRegistrationLib.report.figure import axes_at, blank_figure, jpeg_bytes, require_packages, save_figure
-from VICRegistrationLib.report.slices import (
+from VICRegistrationLib.report.slices import Contour, Marks, draw_slices
+from VICRegistrationLib.report.views import (
     AXIAL,
     CORONAL,
     ORIENTATIONS,
     SAGITTAL,
-    Contour,
-    Marks,
     View,
     cut,
-    draw_slices,
     orientations_of,
     slice_of,
     views_in_own_plane,
@@ -157,7 +155,7 @@ def test_what_lies_outside_of_the_volume_is_masked(image):
 
 def test_the_planes_of_an_overview_cut_as_many_organs_as_they_can():
     corners = (np.array([[0.0, 0, 0], [10, 10, 10]]), np.array([[40.0, 1, 1], [44, 9, 9]]))
-    views = views_of([Contour(SimpleNamespace(points=points), "", "") for points in corners])
+    views = views_of([SimpleNamespace(points=points) for points in corners])
     np.testing.assert_array_equal(views[0].center, [22.0, 5.0, 5.0])
     np.testing.assert_array_equal(views[1].center, [22.0, 5.0, 5.0])
     # The middle, R 22, is beside both organs; the middle of the first is 17 mm from it, that of the second 20 mm.
@@ -175,7 +173,7 @@ def test_an_oblique_image_is_shown_along_its_own_axes(order):
     pictures_of = []
     for image, surface in ((straight, ellipsoid()), (turned, ellipsoid().transformed(turn))):
         mesh = triangulate(surface, resolution=(24, 16))
-        views = views_of([Contour(mesh, "", "")], orientations_of(image)) + views_in_own_plane(image, mesh)
+        views = views_of([mesh], orientations_of(image)) + views_in_own_plane(image, mesh)
         pictures_of.append([(slice_of(Sampler(image), view, count=60), *cut(mesh, view)) for view in views])
     for view, before, after in zip(views, *pictures_of):
         assert view.title.split()[1] == "oblique"

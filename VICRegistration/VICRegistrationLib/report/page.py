@@ -20,7 +20,7 @@ from ..registration.organ_fit import OrganFit
 from .contents import ComparedOrgan, ReportedModel, ReportedOrgan, Source
 from .figure import jpeg_bytes, require_packages
 from .pictures import overview_figure, page_figures, stack_figure
-from .slices import STRAIGHT
+from .views import STRAIGHT
 
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")

@@ -17,7 +17,8 @@ from ..registration.stacks import StackUse
 from .contents import ComparedOrgan, ReportedOrgan, fine_mesh
 from .figure import axes_at, blank_figure, finish_axes, write_heading
 from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_numbers, draw_scene
-from .slices import Contour, Marks, draw_slices, views_in_own_plane
+from .slices import Contour, Marks, draw_slices
+from .views import views_in_own_plane
 
 # Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
 REFERENCE_COLOUR = "#3d6cff"

@@ -14,7 +14,7 @@ from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.stages import Step
 from ..report.figure import TEXT_COLOUR, blank_figure, finish_axes, save_figure
-from ..report.slices import SAGITTAL, View, cut, slice_of
+from ..report.views import SAGITTAL, View, cut, slice_of
 from . import one_dimensional
 from .prototypical import BELL_MM, IMAGE_MM, TESTS, PrototypicalTest
 
