@@ -194,10 +194,12 @@ def test_a_second_stack_makes_the_surface_more_certain(alone, both):
     assert both.confidence.deviations.mean() < 0.85 * alone.confidence.deviations.mean()
 
 
-@pytest.mark.parametrize("again", ["the first image", "a stack"])
+@pytest.mark.parametrize("again", ["the first image", "another file of it", "a stack"])
 def test_voxels_that_would_count_twice_are_refused(sagittal, axial, again):
-    copy = vic.Image(sagittal.array.copy(), sagittal.ijk_to_ras)
-    further = [vic.Stack(copy, "copy")] if again == "the first image" else [axial, axial]
+    copy, turned = vic.Image(sagittal.array.copy(), sagittal.ijk_to_ras), sagittal.canonical()
+    rounded = vic.Image(turned.array.astype(np.float32), turned.ijk_to_ras + np.eye(4, k=3) * 1e-4)
+    given = {"the first image": [copy], "another file of it": [rounded], "a stack": [axial, axial]}
+    further = given[again]
     with pytest.raises(ValueError, match="same voxels as the (first image|stack stack 2); give each stack once"):
         vic.fit(sagittal, SEEDS, further=further)
 

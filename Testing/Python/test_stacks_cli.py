@@ -6,12 +6,15 @@ import json
 
 import numpy as np
 import pytest
+import SimpleITK as sitk
+from dicom_files import single, write_series
 from small_phantom import SEED
 from stack_phantom import MOTION, dented, stack_of
 
 from VICRegistrationLib import cli
+from VICRegistrationLib.cli.stack_entries import restored_stack, stack_place
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.imaging.reading import read_image, write_image
 from VICRegistrationLib.phantoms.stacks import further_stacks, write_stacks
 
 
@@ -100,17 +103,51 @@ def test_a_list_of_stacks_that_is_none_is_refused(folder, tmp_path, capsys, also
 def test_a_stack_that_is_no_volume_is_one_sentence(folder, tmp_path, capsys, kind):
     path = tmp_path / "other.nii.gz"
     if kind != "missing":
-        import SimpleITK as sitk
-
         shape = (40, 40) if kind == "flat" else (3, 5, 40, 40)
         sitk.WriteImage(sitk.GetImageFromArray(np.zeros(shape, dtype=np.float32), isVector=False), str(path))
     words = ["--also", path, "--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
     assert fit(folder, *words) == 2
     line = capsys.readouterr().err.splitlines()[-1]
     assert "other.nii.gz" in line
-    assert ("Give a file or a folder that holds it alone" in line) == (kind == "four")
+    assert (f"Choose it with --also {path}@N" in line) == (kind == "four")
     assert "--frame" not in line
     assert not (tmp_path / "out").exists()
+
+
+def test_one_of_several_series_is_chosen_behind_an_at_sign(folder, tmp_path, capsys):
+    study, axial = tmp_path / "study", read_image(folder / "ax.nii.gz")
+    datasets = [
+        single(axial.to_ras([[0, 0, k]])[0] * [-1, -1, 1], series=f"1.2.{number}", SeriesNumber=number)
+        for number in (7, 8)
+        for k in range(3)
+    ]
+    write_series(study, datasets)
+    words = ["--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
+    assert fit(folder, "--also", study, *words) == 2
+    assert f"Choose it with --also {study}@N, N the number of the series." in capsys.readouterr().err
+    assert fit(folder, "--also", f"{study}@8", *words) == 0
+    (stack,) = stacks_of(tmp_path / "out")
+    assert stack["file"] == f"{study}@8"
+    assert restored_stack(stack).image.array.shape[0] == 3
+
+
+def test_one_of_several_volumes_is_chosen_behind_an_at_sign(folder, tmp_path, capsys):
+    axial, path = read_image(folder / "ax.nii.gz"), tmp_path / "two.nii.gz"
+    image = sitk.JoinSeries(
+        [sitk.ReadImage(str(folder / f"{name}.nii.gz"), sitk.sitkFloat32) for name in ("noise", "ax")]
+    )
+    sitk.WriteImage(image, str(path))
+    place, choice = stack_place(f"{path}@2")
+    assert np.array_equal(read_image(place, **choice).array, axial.array)
+    words = ["--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
+    assert fit(folder, "--also", f"{path}@second", *words) == 2
+    assert "after the @ of a file is the number of its volume" in capsys.readouterr().err
+
+
+def test_a_name_with_an_at_sign_is_a_name(tmp_path):
+    (tmp_path / "mri@2").mkdir()
+    assert stack_place(str(tmp_path / "mri@2")) == (str(tmp_path / "mri@2"), {})
+    assert stack_place("missing@2") == ("missing@2", {})
 
 
 def test_the_stacks_of_the_phantom_are_moved_as_far_as_asked_and_the_truth_is_written(tmp_path):

@@ -216,7 +216,8 @@ def _add_fit(subparsers) -> None:
         "--also",
         metavar="IMAGE",
         action="append",
-        help="another stack of the patient, file or folder: the surface is fitted to all of them; may be repeated",
+        help="another stack of the patient, file or folder: the surface is fitted to all of them; may be repeated; "
+        "FOLDER@SERIES or FILE@N chooses one of several, as --series and --frame do for IMAGE",
     )
     which = fit.add_argument_group("which organs")
     which.add_argument(

@@ -34,6 +34,7 @@ from ..files import reason
 from ..geometry.models import DEFAULT_NET, closed_organ
 from ..registration.options import OPTIONS, FitOptions
 from . import validators
+from .stack_entries import stack_place
 
 SCHEMA, VERSION = "vic-registration/organs", 1
 
@@ -82,7 +83,7 @@ class OrganRequest:
 def files_of(requests: Sequence[OrganRequest]) -> list[str]:
     """Label images and further stacks that requests need, each once."""
     regions = (request.region for request in requests if request.region is not None)
-    return list(dict.fromkeys([*regions, *(path for request in requests for path in request.also)]))
+    return list(dict.fromkeys([*regions, *(stack_place(each)[0] for request in requests for each in request.also)]))
 
 
 def organ_request(

@@ -27,7 +27,7 @@ from .organ_entries import FittedOrgan
 from .references import OrganReference
 from .request_checks import check_request
 from .results_folder import Run, restored_organs, target_files, write_results
-from .stack_entries import motion_text
+from .stack_entries import motion_text, stack_place
 from .stored_results import StoredResults, image_record, read_results
 
 
@@ -171,17 +171,20 @@ def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None],
 def further_stacks(
     requests: Sequence[OrganRequest], say: Callable[[str], None], warn: Callable[[str], None]
 ) -> dict[str, Stack]:
-    """Read all further stacks once, by their paths."""
+    """Read all further stacks once, by what names them."""
     stacks = {}
-    for path in dict.fromkeys(path for request in requests for path in request.also):
+    for given in dict.fromkeys(each for request in requests for each in request.also):
+        path, choice = stack_place(given)
         try:
-            image, _ = read_with_warnings(path, warn)
+            image, _ = read_with_warnings(path, warn, **choice)
         except SeveralVolumes as error:
             # --series and --frame are about the first image.
-            msg = f"{error.found}; a further stack is one volume. Give a file or a folder that holds it alone."
+            which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
+            way_out = "Give a file that holds it alone." if choice else f"Choose it with --also {path}@N, N {which}."
+            msg = f"{error.found}; a further stack is one volume. {way_out}"
             raise ValueError(msg) from error
-        say(f"{path}: {_described(image)}")
-        stacks[path] = Stack(image, path)
+        say(f"{given}: {_described(image)}")
+        stacks[given] = Stack(image, given)
     return stacks
 
 

@@ -69,7 +69,8 @@ def add_words(fit: argparse.ArgumentParser) -> None:
         "--also",
         metavar="IMAGE",
         action="append",
-        help="another stack of the patient, file or folder: organs are fitted to all of them; may be repeated",
+        help="another stack of the patient, file or folder: organs are fitted to all of them; may be repeated; "
+        "FOLDER@SERIES or FILE@N chooses one of several",
     )
     fit.add_argument(
         "--config",

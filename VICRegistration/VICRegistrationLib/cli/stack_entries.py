@@ -1,8 +1,9 @@
-"""Further stacks of an organ as ``report.json`` keeps them."""
+"""Further stacks of an organ: as a user names them, and as ``report.json`` keeps them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,36 @@ from ..registration.stacks import StackUse
 
 # Not in reports that were written before fits knew them.
 _DEVIATIONS = ("translation_sd_mm", "rotation_sd_degrees")
+
+
+def stack_place(given: str) -> tuple[str, dict[str, object]]:
+    """Take apart what names a further stack: IMAGE, FOLDER@SERIES or FILE@FRAME.
+
+    Parameters
+    ----------
+    given : str
+
+    Returns
+    -------
+    path : str
+        All of it where there is such a file or folder, or no @.
+    choice : dict
+        `series` or `frame` as :func:`..imaging.reading.read_image` takes them.
+
+    Raises
+    ------
+    ValueError
+        If a frame is no whole number.
+    """
+    path, at, which = given.rpartition("@")
+    if Path(given).exists() or not at or not Path(path).exists():
+        return given, {}
+    if Path(path).is_dir():
+        return path, {"series": which}
+    if not which.isascii() or not which.isdecimal():
+        msg = f"{given} was given for a further stack; after the @ of a file is the number of its volume, from 1."
+        raise ValueError(msg)
+    return path, {"frame": int(which)}
 
 
 def motion_text(stack: StackUse) -> str:
@@ -67,10 +98,10 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
     OSError, ValueError
         If it is not, or the entry is damaged.
     """
-    why = entry["reason"]
+    why, (path, choice) = entry["reason"], stack_place(entry["file"])
     return StackUse(
         name=entry["file"],
-        image=read_image(entry["file"]),
+        image=read_image(path, **choice),
         reason=None if why is None else Diagnostic(why["code"], why["values"]),
         motion=np.array(entry["motion"]),
         center=np.array(entry["center"]),

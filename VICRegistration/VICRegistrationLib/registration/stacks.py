@@ -23,6 +23,9 @@ import numpy as np
 from ..imaging.image import Image, as_image
 from ..messages import Diagnostic
 
+# Matrices that differ by less are the same, mm: those of files in single precision and in text.
+_SAME_MM = 1e-2
+
 
 @dataclass(frozen=True, eq=False)
 class Stack:
@@ -191,8 +194,12 @@ def stacks_beside(image: Image, further: Sequence[Stack | Image | str | os.PathL
 
 
 def _same(one: Image, other: Image) -> bool:
-    """Whether two images have the same voxels at the same places."""
-    return one is other or (np.array_equal(one.ijk_to_ras, other.ijk_to_ras) and np.array_equal(one.array, other.array))
+    """Whether two images have the same voxels at the same places, in whatever order; files round their matrices."""
+    if one is other:
+        return True
+    one, other = one.canonical(), other.canonical()
+    placed = one.array.shape == other.array.shape and np.allclose(one.ijk_to_ras, other.ijk_to_ras, atol=_SAME_MM)
+    return placed and np.array_equal(one.array, other.array)
 
 
 def _checked_motion(motion) -> np.ndarray:
