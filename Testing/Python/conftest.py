@@ -171,6 +171,21 @@ def shared_data():
 
 
 @pytest.fixture(scope="session")
+def separated_bladder(shared_data):
+    """Function that reads a real bladder and separates it from its one seed: the bladder and its region, each once."""
+    from bladders import load_bladder
+
+    from VICRegistrationLib.segmentation.separation import separate
+
+    @functools.cache
+    def separated(name):
+        bladder = load_bladder(name, shared_data / "bladder_mri")
+        return bladder, separate(bladder.image, bladder.seed)
+
+    return separated
+
+
+@pytest.fixture(scope="session")
 def stand_ins():
     """Slicer's real scene and stand-ins for the rest, so that code for Slicer can be imported."""
     pytest.importorskip("slicer", reason="slicer-core is not installed")

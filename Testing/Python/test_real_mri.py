@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import pytest
 from accuracy import MEAN_MM, P95_MM, of_contour, of_surface, real_case
-from bladders import NAMES, load_bladder
+from bladders import NAMES
 from hippocampus import NAMES as HIPPOCAMPI
 from hippocampus import farthest_from_start, load_hippocampus
 
@@ -21,10 +21,10 @@ from VICRegistrationLib.registration.steps import finish
 class Fitted:
     """A bladder, and its fit from one seed."""
 
-    def __init__(self, bladder):
+    def __init__(self, bladder, region):
         self.case = real_case(bladder)
         self.volume_ml = bladder.lumen.volume_ml
-        self.fit = finish(fit_organ(bladder.image, bladder.seed))
+        self.fit = finish(fit_region(bladder.image, region))
 
     @cached_property
     def measured(self):
@@ -33,16 +33,9 @@ class Fitted:
 
 
 @pytest.fixture(scope="module")
-def load(shared_data):
-    """Fitted bladders by name, each fitted once."""
-    known = {}
-
-    def loaded(name):
-        if name not in known:
-            known[name] = Fitted(load_bladder(name, shared_data / "bladder_mri"))
-        return known[name]
-
-    return loaded
+def load(separated_bladder):
+    """Function that gives a fitted bladder by its name, each fitted once."""
+    return lru_cache(maxsize=None)(lambda name: Fitted(*separated_bladder(name)))
 
 
 @pytest.mark.parametrize("name", NAMES)

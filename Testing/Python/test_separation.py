@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bladders import DATA, load_bladder
+from bladders import load_bladder
 from reorientation import ORIENTATIONS, reordered
 from scipy import ndimage
 
@@ -246,26 +246,20 @@ def test_a_given_mask_becomes_a_region(image):
     assert region.threshold is None
 
 
-def overlap(bladder, seed):
-    """Dice coefficient of the lumen that experts drew and what is separated from a seed."""
-    return agreement(separate(bladder.image, seed), bladder.lumen)
-
-
-@pytest.mark.skipif(not DATA.is_dir(), reason="the bladder MRI are not beside the checkout")
 @pytest.mark.parametrize(
     # The expert's outline runs about half a voxel outside of half height, 0.97 for such an organ.
     ("name", "least"),
     [("crop_IM0465", 0.93), ("crop_IM0533", 0.93), ("full_p5", 0.93), ("crop_IM1383", 0.978)],
 )
-def test_a_bladder_in_a_real_mri_is_separated_from_one_seed(name, least):
+def test_a_bladder_in_a_real_mri_is_separated_from_one_seed(separated_bladder, name, least):
     """Lobes beside IM1383 have less of an edge than its wall."""
-    bladder = load_bladder(name)
-    assert overlap(bladder, bladder.seed) > least
+    bladder, region = separated_bladder(name)
+    assert agreement(region, bladder.lumen) > least
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the bladder MRI are not beside the checkout")
 @pytest.mark.parametrize(
     ("name", "seed"), [("crop_IM1523", [-110.5, -139.0, -21.0]), ("full_p5", [-145.5, -106.5, -38.0])]
 )
-def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(name, seed):
-    assert overlap(load_bladder(name), [seed]) > 0.96
+def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(shared_data, name, seed):
+    bladder = load_bladder(name, shared_data / "bladder_mri")
+    assert agreement(separate(bladder.image, [seed]), bladder.lumen) > 0.96
