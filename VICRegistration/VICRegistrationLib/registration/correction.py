@@ -55,9 +55,10 @@ _SPAN = 0.55
 # sharp edge. With half and twice as much, points are met and other walls moved by no more than 0.1 mm differently.
 _HOLD = 1.0
 # Bending energies, from the stiffest to that with which the points are met. With the first, points 6 mm apart make one
-# bulge, and one 5 mm off a bladder's wall bends it to a radius of 4.7 mm. With a fifth the wall ripples by 0.2 mm
-# between points; with 2 and 5 times as much that radius is 5.2 and 5.9 mm, and walls far from a point are moved.
-_BENDING = (1e-3, 2e-4, 4e-5)
+# bulge, and one 5 mm off the demo's bladder bends its wall to a radius of 5.0 mm; with half of it to 4.5 mm, with twice
+# to 5.6 mm, where it moves walls beyond half the organ's radius by more than 0.25 mm. With a tenth the wall ripples by
+# 0.2 mm between points.
+_BENDING = (1.7e-3, 2e-4, 4e-5)
 # Radius around a point within which the deformed surface counts, in reaches. With half of it these points are met to
 # 0.09 to 0.30 mm, with twice of it walls far from them are moved by up to 0.8 in place of 0.6 mm.
 _NEAR = 0.7
