@@ -26,6 +26,10 @@ OUTSIDE_PROBES = ~INSIDE_PROBES
 
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
+# A grey level of which less than this share is of one side says nothing about it. With 0.01 to 0.3 the demo's organs
+# and seven real bladders have the same mean distances to 0.0001 mm. One of three hippocampi, fitted from its label, is
+# 0.4 or 0.7 mm off, by chance of the share; without any, its standard deviation is too small.
+_LEAST_SHARE = 0.2
 # Of the contrast that is expected, at least so much is the unit of the residuals.
 _LEAST_CONTRAST = 0.05
 
@@ -253,17 +257,16 @@ class VirtualImage:
         where there is no contrast. What the blur carries to either side from the other one is taken off first, by
         least squares: a grey level is I = s inside + (1 - s) outside, where s is its share.
         """
-        own = np.where(INSIDE_PROBES, shares, 1.0 - shares)
-        part = valid * own * (area / area.mean() / self.blur(normals) ** 2)[:, None]
-        values = np.where(valid, values, 0.0)
+        weight = valid * (area / area.mean() / self.blur(normals) ** 2)[:, None]
+        own = np.maximum(np.where(INSIDE_PROBES, shares, 1.0 - shares), _LEAST_SHARE)
+        weight = weight * own**2
         outside = np.full(len(values), float(self.profile.outside))
         # Each side needs the level of the other one.
         for _ in range(2):
-            sums = part * (values - (1.0 - own) * outside[:, None])
-            profile = self._neighbourhood_mean(sums, part * own, shape, INSIDE_PROBES, self.profile.inside)
-            inside = profile.mean(axis=1)
-            sums = part * (values - (1.0 - own) * inside[:, None])
-            profile = self._neighbourhood_mean(sums, part * own, shape, OUTSIDE_PROBES, self.profile.outside)
+            levels = np.where(valid, (values - (1.0 - own) * outside[:, None]) / own, 0.0)
+            inside = self._neighbourhood_mean(levels, weight, shape, INSIDE_PROBES, self.profile.inside).mean(axis=1)
+            levels = np.where(valid, (values - (1.0 - own) * inside[:, None]) / own, 0.0)
+            profile = self._neighbourhood_mean(levels, weight, shape, OUTSIDE_PROBES, self.profile.outside)
             ordered = np.sort(profile, axis=1)
             farthest = ordered[:, :2] if self.profile.inside > self.profile.outside else ordered[:, -2:]
             outside = farthest.mean(axis=1)
@@ -298,21 +301,18 @@ class VirtualImage:
         return np.where(inner_seen & outer_seen, np.clip(share, 0.0, 1.0), 0.0)
 
     def _neighbourhood_mean(
-        self, sums: np.ndarray, weight: np.ndarray, shape, probes: np.ndarray, fallback: float
+        self, values: np.ndarray, weight: np.ndarray, shape, probes: np.ndarray, fallback: float
     ) -> np.ndarray:
-        """Mean at each probe of one side, over the organ or over each line's neighbourhood, (n, m_side).
-
-        `sums` are levels times their weights.
-        """
-        sums, weight = sums[:, probes], weight[:, probes]
+        """Weighted mean at each probe of one side, over the organ or over each line's neighbourhood, (n, m_side)."""
+        values, weight = values[:, probes], weight[:, probes]
         total = weight.sum(axis=0)
-        mean = np.where(total > 0.0, sums.sum(axis=0) / np.maximum(total, 1e-300), fallback)
+        mean = np.where(total > 0.0, (weight * values).sum(axis=0) / np.maximum(total, 1e-300), fallback)
         if self.mode == "organ":
-            return np.broadcast_to(mean, sums.shape)
+            return np.broadcast_to(mean, values.shape)
         # Where all neighbours are blurred or outside of the volume, the organ's mean takes over.
         along_u = _smoothing_matrix(shape[0], self.smoothing * shape[0], "wrap")
         along_v = _smoothing_matrix(shape[1], self.smoothing * shape[1], "nearest")
-        parts = np.concatenate([sums + _PRIOR * mean, weight + _PRIOR], axis=1)
-        smooth = along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)
-        sums, weights = np.split(smooth.reshape(len(sums), -1), 2, axis=1)
+        parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
+        sums = along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)
+        sums, weights = np.split(sums.reshape(len(values), -1), 2, axis=1)
         return sums / weights
