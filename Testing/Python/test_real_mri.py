@@ -16,6 +16,7 @@ from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.segmentation.separation import separate
 
 
 class Fitted:
@@ -135,3 +136,13 @@ def test_a_dicom_folder_and_a_file_give_the_same_surface(clipped, shared_data):
     # The file keeps its matrix in single precision, which moves the slices by some 1e-6 mm. Of the parts into which
     # voxels are cut, some lie on the other side of the surface then. Measured: 0.014 mm at one control point.
     assert np.abs(other.surface.control_net - fit.surface.control_net).max() < 0.03
+
+
+def test_a_rectum_in_thick_slices_is_separated_from_three_clicks(shared_data):
+    image = read_image(shared_data / "prostatex" / "px0_tra.nii.gz")
+    clicks = np.array([[190.0, 268.0, 10.0], [195.0, 295.0, 14.0], [190.0, 310.0, 17.0]])
+    region = separate(image, image.to_ras(clicks))
+    # From its middle alone the shape went down to the levator and left the highest click out.
+    assert all(region.mask[tuple(voxel)] for voxel in clicks[:, ::-1].astype(int) - region.offset)
+    assert 30.0 < region.volume_ml < 60.0
+    assert region.touches_border == ()

@@ -101,7 +101,7 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         grown, refused = grown_region(image, seeds, fill=fill), None
     except ValueError as error:
         grown, refused = None, error
-    star = find_star(image, seeds.mean(axis=0))
+    star = find_star(image, seeds)
     shaped = star_region(image, star, fill=fill)
     if shaped is not None and (fills_volume(image, shaped) or not _holds(shaped, seeds)):
         shaped = None

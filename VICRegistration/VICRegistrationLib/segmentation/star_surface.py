@@ -51,6 +51,8 @@ _MISSED, _BESIDE = 50.0, 1.0
 # level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
 # and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the wall.
 _FIRST_LOOKS, _SETTLED_MM, _LOOKS = 3, 1.0, 10
+# A place this little outside of the surface is held.
+_HELD_MM = 2.0
 # A last look follows more directions, near the surface that was found: so many samples to either side.
 _FINE, _NEAR = 5, 10
 # Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
@@ -114,14 +116,15 @@ class Star:
         return (self.strengths > AN_EDGE) & ~self.cut
 
 
-def find_star(image: Image, seed: np.ndarray, wall: np.ndarray | None = None) -> Star:
+def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -> Star:
     """Find the star-shaped surface of least cost around a place.
 
     Parameters
     ----------
     image : Image
-    seed : (3,) ndarray
-        RAS mm, in the volume.
+    seeds : (3,) or (n, 3) ndarray
+        RAS mm, in the volume: the place, or several in the organ about their mean. A surface that holds them all is not
+        left for one that does not.
     wall : (n, 3) ndarray, optional
         Places that the surface has to pass, RAS mm.
 
@@ -135,7 +138,9 @@ def find_star(image: Image, seed: np.ndarray, wall: np.ndarray | None = None) ->
     raises it: sharp changes, and any rise (of an organ brighter than its wall; a fall of another). Whether the level
     falls or rises at an organ's edge is what costs less. A last look at more directions follows details.
     """
-    search = _Search(image, seed, np.empty((0, 3)) if wall is None else wall)
+    seeds = np.atleast_2d(seeds)
+    seed = seeds.mean(axis=0)
+    search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
     looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
     better = min(looks, key=lambda star: star.cost)
     star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
@@ -180,11 +185,11 @@ def _around(image: Image, seed: np.ndarray) -> Image:
 
 
 class _Search:
-    """Looks for a surface around places in an image, through places of the wall (n, 3) that are known."""
+    """Looks for a surface around places (m, 3) in an image, through places of the wall (n, 3) that are known."""
 
-    def __init__(self, image: Image, seed: np.ndarray, wall: np.ndarray):
-        self.image, self.wall = image, wall
-        self.sampler = Sampler(_around(image, seed))
+    def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray):
+        self.image, self.seeds, self.wall = image, seeds, wall
+        self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
     def look(self, center: np.ndarray, *, falls: bool) -> Star:
@@ -210,8 +215,18 @@ class _Search:
             center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
             if np.linalg.norm(center - star.center) < _SETTLED_MM:
                 break
-            star = self.look(center, falls=star.falls)
+            further = self.look(center, falls=star.falls)
+            if len(self.seeds) > 1 and self.holds(star) and not self.holds(further):
+                break
+            star = further
         return star
+
+    def holds(self, star: Star) -> bool:
+        """Whether a surface holds all places, or nearly."""
+        away = self.seeds - star.center
+        distances = np.linalg.norm(away, axis=1)
+        lengths = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
+        return bool((distances <= lengths + _HELD_MM).all())
 
     def closely(self, star: Star) -> Star:
         """Look at more directions, near a surface that was found."""
