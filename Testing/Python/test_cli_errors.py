@@ -198,7 +198,8 @@ def test_an_unknown_flag_shows_the_usage_of_its_command(capsys, arguments, told)
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ([], "COMMAND"),
+        ([], "COMMAND, one of fit, "),
+        (["model"], "ACTION, one of fit, show, check"),
         (["fit"], "IMAGE"),
         (["fti", "mri.nrrd"], "fti"),
         (["phantom"], "DIR"),

@@ -96,6 +96,9 @@ class _Parser(argparse.ArgumentParser):
         """Print the complaint and leave with code 2."""
         line = " ".join(message.split()).rstrip(".")
         line = line.replace("the following arguments are required: ", "this is missing: ")
+        for action in self._actions:
+            if action.choices and line == f"this is missing: {action.metavar}":
+                line += f", one of {', '.join(action.choices)}"
         self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
 
     def refuse_unknown(self, word: str) -> None:
