@@ -5,20 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from measuring import table
 
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.distances import points_on
+from VICRegistrationLib.geometry.parametrization import rigid_matrix
 from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.phantoms.pelvis import PelvisPhantom, pelvis_phantom
 from VICRegistrationLib.phantoms.stacks import PhantomStack, further_stacks
 from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.organ_fit import OrganFit
-from VICRegistrationLib.registration.stacks import StackUse
+from VICRegistrationLib.registration.stacks import Stack, StackUse
 from VICRegistrationLib.registration.steps import finish
 
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "prostatex"
+# In the bladder of px0_sag, RAS mm.
+BLADDER = np.array([-57.0, -12.6, 4.0])
 SEEDS, SHIFT_MM, TURN_DEGREES = 5, 3.0, 2.0
 N_POINTS = 4000
 _ABOUT = f"""\
@@ -65,22 +71,61 @@ def motion_error(use: StackUse, truth: np.ndarray, points: np.ndarray) -> float:
 def accuracy(patients: Sequence[Patient]) -> str:
     """Make a table of errors with one to three stacks, and of the motions that were found."""
     rows = [["organ", "stacks", "mean mm", "95 % mm", "of one stack", "motion off by, mm", "time of one stack"]]
-    for organ in patients[0].first.surfaces:
-        alone = seconds_alone = None
+    organs = list(patients[0].first.surfaces)
+    measured = {(organ, count): _measured(patients, organ, count) for organ in organs for count in (1, 2, 3)}
+    for organ, names in (*((each, [each]) for each in organs), ("all", organs)):
         for count in (1, 2, 3):
-            found, moved, seconds = [], [], []
-            for each in patients:
-                images, points = [stack.image for stack in each.further[: count - 1]], each.points(organ)
-                start = time.process_time()
-                fit = fitted(each, organ, images)
-                seconds.append(time.process_time() - start)
-                found.append(errors(fit, points))
-                moved += [motion_error(use, s.motion, points) for use, s in zip(fit.stacks, each.further) if use.used]
-            mean, p95 = np.mean(found), np.mean(np.quantile(found, 0.95, axis=1))
-            alone, seconds_alone = alone or mean, seconds_alone or np.sum(seconds)
-            motion = f"{np.mean(moved):.2f} (largest {np.max(moved):.2f})" if moved else "-"
-            sizes = [f"{mean:.3f}", f"{p95:.2f}", f"{mean / alone:.2f}"]
-            rows.append([organ, str(count), *sizes, motion, f"{np.sum(seconds) / seconds_alone:.2f}"])
+            found, moved, seconds = (np.concatenate(part) for part in zip(*(measured[each, count] for each in names)))
+            alone, _, seconds_alone = (np.concatenate(part) for part in zip(*(measured[each, 1] for each in names)))
+            motion = f"{np.mean(moved):.2f} (largest {np.max(moved):.2f})" if len(moved) else "-"
+            sizes = [f"{found.mean():.3f}", f"{np.mean(np.quantile(found, 0.95, axis=1)):.2f}"]
+            shares = [f"{found.mean() / alone.mean():.2f}", motion, f"{seconds.sum() / seconds_alone.sum():.2f}"]
+            rows.append([organ, str(count), *sizes, *shares])
+    return table(rows)
+
+
+def _measured(patients: Sequence[Patient], organ: str, count: int) -> tuple[list, list, list]:
+    """Distances of all patients' points from the surface, what motions are off by, and seconds."""
+    found, moved, seconds = [], [], []
+    for each in patients:
+        images, points = [stack.image for stack in each.further[: count - 1]], each.points(organ)
+        start = time.process_time()
+        fit = fitted(each, organ, images)
+        seconds.append(time.process_time() - start)
+        found.append(errors(fit, points))
+        moved += [motion_error(use, s.motion, points) for use, s in zip(fit.stacks, each.further) if use.used]
+    return found, moved, seconds
+
+
+def noiseless() -> str:
+    """Make a table of what is left without noise: of the model, not of the images."""
+    almost = {"noise": 1e-3}
+    clean = Patient(pelvis_phantom(**almost), further_stacks(2, shift_mm=SHIFT_MM, turn_degrees=TURN_DEGREES, **almost))
+    rows = [["without noise", "stacks", "mean mm", "outward mm"]]
+    for organ in clean.first.surfaces:
+        for count in (1, 3):
+            fit = fitted(clean, organ, [stack.image for stack in clean.further[: count - 1]])
+            away = distances_from(fit.surface, clean.points(organ))
+            rows.append([organ, str(count), f"{np.abs(away).mean():.3f}", f"{away.mean():+.3f}"])
+    return table(rows)
+
+
+def real() -> str:
+    """Make a table of the motion between two stacks of a real bladder, looked for from different starts."""
+    image, other = (read_image(REAL / f"px0_{name}.nii.gz") for name in ("sag", "tra"))
+    rows = [
+        ["start, mm", "start, degrees", "R, A, S, mm", "sd, mm", "degrees", "sd, degrees", "volume, ml", "apart, mm"]
+    ]
+    points = None
+    for shift, turn in ((0.0, 0.0), (0.0, 2.0), (2.0, 0.0), (-2.0, 2.0)):
+        start = rigid_matrix(np.array([0.0, 0.0, np.radians(turn), shift, 0.0, 0.0]), BLADDER)
+        fit = finish(fit_organ(image, [BLADDER], further=[Stack(other, motion=start)]))
+        points = points_on(fit.surface, N_POINTS) if points is None else points
+        (use,) = fit.stacks
+        place = ", ".join(f"{each:+.1f}" for each in use.translation_mm)
+        sure = [f"{use.translation_sd_mm:.1f}", f"{use.rotation_degrees:.1f}", f"{use.rotation_sd_degrees:.1f}"]
+        size = [f"{fit.surface.volume() / 1000.0:.1f}", f"{errors(fit, points).mean():.3f}"]
+        rows.append([f"{shift:g}", f"{turn:g}", place, *sure, *size])
     return table(rows)
 
 
@@ -167,5 +212,10 @@ def report(*, quick: bool) -> str:
             hard(patients[0]),
             "  Stacks that each cut the organ on another side:",
             cut(patients[0]),
+            "  What is left without noise; outward is the mean distance of the surface to the outside:",
+            noiseless(),
+            "  A sagittal stack of a real bladder with an axial one, the motion looked for from different starts; apart is\n"
+            "  the mean distance from the surface of the first row:",
+            real() if REAL.is_dir() else "  Skipped: ../shared/data/prostatex is not there.",
         ]
     return "\n\n".join(parts)
