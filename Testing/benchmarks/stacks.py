@@ -106,16 +106,14 @@ def noiseless() -> str:
         for count in (1, 3):
             fit = fitted(clean, organ, [stack.image for stack in clean.further[: count - 1]])
             away = distances_from(fit.surface, clean.points(organ))
-            rows.append([organ, str(count), f"{np.abs(away).mean():.3f}", f"{away.mean():+.3f}"])
+            rows.append([organ, str(count), f"{np.abs(away).mean():.3f}", f"{-away.mean():+.3f}"])
     return table(rows)
 
 
 def real() -> str:
     """Make a table of the motion between two stacks of a real bladder, looked for from different starts."""
     image, other = (read_image(REAL / f"px0_{name}.nii.gz") for name in ("sag", "tra"))
-    rows = [
-        ["start, mm", "start, degrees", "R, A, S, mm", "sd, mm", "degrees", "sd, degrees", "volume, ml", "apart, mm"]
-    ]
+    rows = [["start, mm", "and degrees", "R, A, S, mm", "sd, mm", "degrees", "sd, degrees", "volume, ml", "apart, mm"]]
     points = None
     for shift, turn in ((0.0, 0.0), (0.0, 2.0), (2.0, 0.0), (-2.0, 2.0)):
         start = rigid_matrix(np.array([0.0, 0.0, np.radians(turn), shift, 0.0, 0.0]), BLADDER)
@@ -214,8 +212,8 @@ def report(*, quick: bool) -> str:
             cut(patients[0]),
             "  What is left without noise; outward is the mean distance of the surface to the outside:",
             noiseless(),
-            "  A sagittal stack of a real bladder with an axial one, the motion looked for from different starts; apart is\n"
-            "  the mean distance from the surface of the first row:",
+            "  A sagittal stack of a real bladder with an axial one, the motion looked for from different starts;\n"
+            "  apart is the mean distance from the surface of the first row:",
             real() if REAL.is_dir() else "  Skipped: ../shared/data/prostatex is not there.",
         ]
     return "\n\n".join(parts)
