@@ -121,7 +121,9 @@ def test_what_one_stack_cuts_off_is_completed_from_another_one(clipped, shared_d
     (axial,) = fit.stacks
     assert axial.used
     assert 0.5 < np.linalg.norm(axial.translation_mm) < 2.5
-    assert axial.rotation_degrees < 6.0
+    # Measured: 1.2 mm and 0.7 degrees, known to 0.3 mm and 0.9 degrees.
+    assert axial.translation_sd_mm < 0.6
+    assert axial.rotation_degrees < 3.0 * axial.rotation_sd_degrees < 6.0
     assert fit.problems == ()
     # The sagittal slices end at R -7 mm; in the axial ones the bladder goes on for some 5 mm.
     right = [each.surface.points(*each.surface.midpoints(80, 50))[:, 0].max() for each in (alone, fit)]

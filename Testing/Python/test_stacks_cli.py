@@ -125,6 +125,8 @@ def test_one_of_several_series_is_chosen_behind_an_at_sign(folder, tmp_path, cap
     words = ["--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
     assert fit(folder, "--also", study, *words) == 2
     assert f"Choose it with --also {study}@N, N the number of the series." in capsys.readouterr().err
+    assert fit(folder, "--also", f"{study}@9", *words) == 2
+    assert "none of them match '9'" in capsys.readouterr().err
     assert fit(folder, "--also", f"{study}@8", *words) == 0
     (stack,) = stacks_of(tmp_path / "out")
     assert stack["file"] == f"{study}@8"

@@ -180,7 +180,8 @@ def further_stacks(
         except SeveralVolumes as error:
             # --series and --frame are about the first image.
             which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
-            way_out = "Give a file that holds it alone." if choice else f"Choose it with --also {path}@N, N {which}."
+            other = ", or give a file that holds it alone" if choice else ""
+            way_out = f"Choose it with --also {path}@N, N {which}{other}."
             msg = f"{error.found}; a further stack is one volume. {way_out}"
             raise ValueError(msg) from error
         say(f"{given}: {_described(image)}")
