@@ -29,7 +29,7 @@ class StacksTest(PanelTestCase):
         return self.ui.furtherStacksTable
 
     def addStack(self, name, shift):
-        """Add the same voxels once more, displaced."""
+        """Add the same voxels once more, displaced; one in a corner differs, as the same image is refused."""
         matrix = vtk.vtkMatrix4x4()
         self.volume.GetIJKToRASMatrix(matrix)
         for axis in range(3):
@@ -38,6 +38,7 @@ class StacksTest(PanelTestCase):
         node.SetIJKToRASMatrix(matrix)
         voxels = vtk.vtkImageData()
         voxels.DeepCopy(self.volume.GetImageData())
+        voxels.SetScalarComponentFromDouble(0, 0, 0, 0, voxels.GetScalarComponentAsDouble(0, 0, 0, 0) + 1.0)
         node.SetAndObserveImageData(voxels)
         return node
 
