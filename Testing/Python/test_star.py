@@ -216,12 +216,6 @@ def test_thick_slices_move_no_edge(thick):
     assert star.strengths[np.abs(star.directions[:, 2]) > 0.9].mean() > 0.9
 
 
-def test_a_thin_wall_before_fat_as_bright_as_the_organ_is_not_crossed():
-    radius = np.linalg.norm(places(), axis=0)
-    levels = np.select([radius < 18.0, radius < 21.0, radius < 26.0], [150.0, 104.0, 150.0], 20.0)
-    np.testing.assert_allclose(find_star(image_of(levels), np.zeros(3)).lengths, 18.0, atol=0.75)
-
-
 def test_the_far_end_of_a_long_organ_is_seen():
     spacing, shape = 2.0, (91, 41, 41)
     k, j, i = (np.indices(shape) - (np.array(shape).reshape(3, 1, 1, 1) - 1) / 2.0) * spacing
