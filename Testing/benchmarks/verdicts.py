@@ -9,6 +9,7 @@ import numpy as np
 from bladders import HARD, NAMES, Bladder, bladders, drawn_image, drawn_surface, other_seeds
 from clicks import clicked
 from measuring import table
+from scipy import ndimage
 
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.imaging.image import Image
@@ -22,6 +23,10 @@ GOOD_MM, GOOD_SHARE = 1.5, 0.95
 _NOISE, _BIAS = 0.04, 0.4
 # Share of the organ's slices that is cut off at the top, and exponent of the grey levels.
 _CUT, _GAMMA = 0.15, 0.6
+# So many slices are averaged into one. Shares of the grey level that are left of urine, and of its layer at the back,
+# which takes the last share of the lumen's depth.
+_AVERAGED = 3
+_DIM, _LAYER, _LAYER_DEPTH = 0.7, 0.55, 0.25
 
 Change = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -56,19 +61,48 @@ def with_other_contrast(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray,
     return np.rint(grey.max() * (grey / grey.max()) ** _GAMMA), mask
 
 
+def with_thick_slices(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average slices; `changed` moves them to their places."""
+    grey, share = (
+        part[: len(part) // _AVERAGED * _AVERAGED].reshape(-1, _AVERAGED, *part.shape[1:]).mean(axis=1)
+        for part in (grey, mask)
+    )
+    return np.rint(grey), share > 0.5
+
+
+def with_dim_urine(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Make urine hardly brighter than fat."""
+    return np.rint(grey * (1.0 - (1.0 - _DIM) * ndimage.gaussian_filter(mask.astype(float), 1.0))), mask
+
+
+def with_a_dark_layer(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Make urine dark at the back of the lumen, as by contrast medium."""
+    rows = np.flatnonzero(mask.any(axis=(0, 2)))
+    level = rows[-1] - _LAYER_DEPTH * (rows[-1] - rows[0])
+    dark = mask * (np.arange(mask.shape[1]) > level)[:, None]
+    return np.rint(grey * (1.0 - (1.0 - _LAYER) * ndimage.gaussian_filter(dark.astype(float), 1.0))), mask
+
+
 CHANGES: dict[str, Change] = {
     "mirrored": mirrored,
     "cut": cut,
     "noise": with_noise,
     "bias": with_bias,
     "contrast": with_other_contrast,
+    "thick slices": with_thick_slices,
+    "dim urine": with_dim_urine,
+    "dark layer": with_a_dark_layer,
 }
 
 
 def changed(bladder: Bladder, change: Change) -> Bladder:
     """Change an image and its lumen alike."""
     grey, mask = change(bladder.image.array.astype(float), drawn_image(bladder).array > 0)
-    image = Image(np.ascontiguousarray(grey, dtype=np.float32), bladder.image.ijk_to_ras)
+    matrix = bladder.image.ijk_to_ras.copy()
+    if change is with_thick_slices:
+        matrix[:3, 3] += (_AVERAGED - 1) / 2.0 * matrix[:3, 2]
+        matrix[:3, 2] *= _AVERAGED
+    image = Image(np.ascontiguousarray(grey, dtype=np.float32), matrix)
     return replace(
         bladder, image=image, lumen=region_from_mask(image, np.ascontiguousarray(mask), largest_component=True)
     )
