@@ -20,7 +20,13 @@ FILES = sorted(path.stem for path in FOLDER.glob("*_tests.py"))
 
 @pytest.fixture
 def panelTests(recorded, slicer_module, pelvis, monkeypatch):
-    """The modules of the self tests by name, with the demo's MRI as it is painted for other tests too."""
+    """The modules of the self tests by name, with the demo's MRI as it is painted for other tests too.
+
+    A round of the event loop takes one step of a fit: a kept fit would end within one slice of time on a fast machine.
+    """
+    from VICRegistrationLib.gui.runner import StepRunner
+
+    monkeypatch.setitem(StepRunner.__init__.__kwdefaults__, "budget", 0.0)
     monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
     monkeypatch.syspath_prepend(str(FOLDER))
     for name in ("panel_case", *FILES):
