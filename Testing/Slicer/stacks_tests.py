@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import tempfile
 
@@ -101,6 +102,15 @@ class StacksTest(PanelTestCase):
         moved, away = self.table.item(0, 1).text(), float(np.linalg.norm(self.SHIFT))
         self.assertAlmostEqual(float(moved.split(" mm, ")[0]), away, delta=0.3)
         self.assertIn(f"used, moved {moved.split(' mm')[0]} ± ", self.table.item(0, 1).toolTip())
+        self.assertIn("(standard deviations)", self.table.item(0, 1).toolTip())
+        # As an earlier version has kept it.
+        records = [json.loads(text) for text in organ.stackRecords]
+        organ.stackRecords = [
+            json.dumps({key: value for key, value in record.items() if "Deviation" not in key}) for record in records
+        ]
+        self.panel.refresh()
+        self.assertIn(f"used, moved {moved.split(' mm')[0]} mm, ", self.table.item(0, 1).toolTip())
+        self.assertNotIn("±", self.table.item(0, 1).toolTip())
         # The other organ has not been fitted yet.
         self.assertFalse(self.table.isColumnHidden(2))
         self.add("vagina")

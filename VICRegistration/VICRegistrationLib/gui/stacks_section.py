@@ -247,15 +247,16 @@ def _long(record, node):
         return _("The last fit of the selected organ was not given this stack.")
     if not record.used:
         return _("The stack {stack} was left out. {reason}").format(stack=node.GetName(), reason=record.reason)
-    return _(
-        "{stack}: used, moved {shift} ± {shiftDeviation} mm, {turn} ± {turnDeviation} degrees (standard deviations). "
-        "It shows {seen} % of the surface, with a cost of {cost}."
-    ).format(
-        stack=node.GetName(),
+    moved = _("{shift} mm, {turn} degrees")
+    # Not known of fits of earlier versions.
+    if record.shiftDeviation > 0.0:
+        moved = _("{shift} ± {shiftDeviation} mm, {turn} ± {turnDeviation} degrees (standard deviations)")
+    moved = moved.format(
         shift=f"{record.shift:.1f}",
         shiftDeviation=f"{record.shiftDeviation:.1g}",
         turn=f"{record.turn:.1f}",
         turnDeviation=f"{record.turnDeviation:.1g}",
-        seen=f"{100 * record.seen:.0f}",
-        cost=f"{record.cost:.3g}",
+    )
+    return _("{stack}: used, moved {moved}. It shows {seen} % of the surface, with a cost of {cost}.").format(
+        stack=node.GetName(), moved=moved, seen=f"{100 * record.seen:.0f}", cost=f"{record.cost:.3g}"
     )
