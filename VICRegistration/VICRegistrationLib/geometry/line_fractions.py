@@ -31,6 +31,7 @@ def line_fractions(
     Notes
     -----
     How much of a line lies inside is computed exactly; :func:`.volume_fractions.volume_fractions` tests points of it.
+    That one paints the phantoms: a fit is not tested by its own arithmetic.
     A line through a common edge of triangles crosses just one of them, as both compute the same place for it.
     """
     ijk = (points - ijk_to_ras[:3, 3]) @ np.linalg.inv(ijk_to_ras[:3, :3]).T

@@ -19,7 +19,6 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -49,9 +48,6 @@ from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
 from .stages import Step, last_step
 from .steps import recorded
-
-# Of a fit of any kind: its steps, and its result.
-_S, _R = TypeVar("_S"), TypeVar("_R")
 
 
 def fit_organ(
