@@ -13,6 +13,7 @@ from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.surface_file import read_surface
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.phantoms import organs
@@ -102,9 +103,20 @@ def test_the_truth_lies_outside_the_space_of_the_fitted_net(surfaces):
 def test_a_shell_lies_at_its_thickness_from_the_surface(surfaces, meshes, name):
     points, _ = organs.shell(surfaces[name], 3.0)
     distances, _ = cKDTree(meshes[name].points).query(points)
-    # Never farther than along the normal; nearer only where the tree's vertices would be closer in a hollow.
-    assert distances.max() <= 3.0 + 1e-9
+    # Never farther than along the normal, but for what keeps the volume; nearer only where the tree's vertices would be
+    # closer in a hollow.
+    assert distances.max() < 3.01
     assert distances.min() > 2.9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_painted_has_the_volume_of_the_surface(surfaces, clean, name):
+    image = clean.image
+    shares = volume_fractions(*organs.shell(surfaces[name]), image.array.shape, image.ijk_to_ras)
+    painted = shares.sum(dtype=float) * np.prod(image.spacing)
+    # Places in voxels are counted, which is within 0.02 %; triangles with their corners on the surface miss 0.05 to
+    # 0.13 %.
+    assert painted == pytest.approx(surfaces[name].volume(), rel=3e-4)
 
 
 # ---------------------------------------------------------------------- image

@@ -7,7 +7,8 @@ import pytest
 
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import closed_organ
-from VICRegistrationLib.geometry.triangulation import resolution_for_chord_error, triangulate
+from VICRegistrationLib.geometry.triangles import enclosed_volume
+from VICRegistrationLib.geometry.triangulation import resolution_for_chord_error, triangulate, triangulate_volume
 
 
 @pytest.fixture(params=["smooth", "paper"])
@@ -77,6 +78,14 @@ def test_no_edge_leaves_the_surface_by_more_than_the_chord_error(organ, chord_er
     assert np.linalg.norm(middles - centers, axis=2).max() <= chord_error
     # Not wasteful either: the worst place uses a good part of what is allowed.
     assert np.linalg.norm(middles - centers, axis=2).max() > chord_error / 10.0
+
+
+@pytest.mark.parametrize("chord_error", [0.2, 0.02])
+def test_triangles_enclose_the_volume_of_the_surface(organ, chord_error):
+    mesh = triangulate_volume(organ, chord_error=chord_error)
+    # Moved by one first-order step: what is left falls with the square of the chord error.
+    assert enclosed_volume(mesh.points, mesh.triangles) == pytest.approx(organ.volume(), rel=5e-4 * chord_error**2)
+    assert np.abs(organ.closest_points(mesh.points).distances).max() < chord_error
 
 
 def test_the_bell_stays_open_at_its_rim():

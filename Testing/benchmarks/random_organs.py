@@ -9,7 +9,7 @@ from scipy import ndimage
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.geometry import models, parametrization
 from VICRegistrationLib.geometry.surface import BSplineSurface
-from VICRegistrationLib.geometry.triangulation import triangulate
+from VICRegistrationLib.geometry.triangulation import triangulate_volume
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
@@ -50,7 +50,7 @@ def painted(
     shape = tuple(np.ceil((high - low) / spacing).astype(int)[::-1])
     matrix = np.diag([*spacing, 1.0])
     matrix[:3, 3] = low
-    mesh = triangulate(surface, chord_error=0.1)
+    mesh = triangulate_volume(surface, chord_error=0.05)
     fractions = volume_fractions(mesh.points, mesh.triangles, shape, matrix)
     grey = paint(np.full(shape, OUTSIDE), [(fractions, INSIDE)])
     image = Image(grey + noise * np.random.default_rng(seed).standard_normal(shape), matrix)

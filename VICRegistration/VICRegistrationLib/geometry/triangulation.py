@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .surface import BSplineSurface
+from .triangles import area_vectors, enclosed_volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,35 @@ def triangulate(
     i, j, k = triangles.T
     triangles = triangles[(i != j) & (j != k) & (k != i)]
     return TriangleMesh(points[first], triangles, normals[first], np.column_stack([u, v])[first])
+
+
+def triangulate_volume(surface: BSplineSurface, *, chord_error: float) -> TriangleMesh:
+    """Triangulate a closed surface so that the triangles enclose as much as it does.
+
+    Triangles with their corners on a convex surface lie inside of it, two thirds of the chord error or less. Here all
+    corners are moved outward by one distance, that of the lacking volume over the area.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        Closed, normals outward.
+    chord_error : float
+        Largest distance between triangles and surface before the corners are moved, mm; about that afterwards.
+
+    Returns
+    -------
+    TriangleMesh
+        Its points lie beside the surface, its parameters and normals are those of the surface.
+
+    Raises
+    ------
+    ValueError
+        If the chord error is not positive.
+    """
+    mesh = triangulate(surface, chord_error=chord_error)
+    area = np.linalg.norm(area_vectors(mesh.points, mesh.triangles), axis=1).sum()
+    lack = surface.volume() - enclosed_volume(mesh.points, mesh.triangles)
+    return replace(mesh, points=mesh.points + lack / area * mesh.normals)
 
 
 def _shared_vertices(surface: BSplineSurface, n_u: int, n_v: int) -> np.ndarray:

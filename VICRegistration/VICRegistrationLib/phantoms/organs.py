@@ -13,7 +13,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from ..geometry import models, parametrization
 from ..geometry.surface import BSplineSurface
-from ..geometry.triangulation import triangulate
+from ..geometry.triangulation import triangulate_volume
 
 TRUE_NET = (17, 13)
 
@@ -164,6 +164,8 @@ def pelvic_organs() -> dict[str, BSplineSurface]:
 def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float = 0.02):
     """Make a closed mesh at a distance outside a surface.
 
+    At no distance it encloses the volume of the surface.
+
     Parameters
     ----------
     surface : BSplineSurface
@@ -171,7 +173,7 @@ def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float
     thickness : float
         Distance along the normal, mm; 0 is the surface itself.
     chord_error : float
-        Largest distance between triangles and surface, mm.
+        See :func:`.triangulation.triangulate_volume`, mm.
 
     Returns
     -------
@@ -179,7 +181,7 @@ def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float
         RAS mm.
     triangles : (m, 3) ndarray of int
     """
-    mesh = triangulate(surface, chord_error=chord_error)
+    mesh = triangulate_volume(surface, chord_error=chord_error)
     return mesh.points + thickness * mesh.normals, mesh.triangles
 
 

@@ -190,12 +190,9 @@ def _check_field_of_view(surfaces, shape, matrix) -> None:
 
 def _layers(surfaces, shape, matrix):
     """Yield what is painted over the background: (fraction, level) pairs, all walls before all lumens."""
-    # The triangles take most of the time: a thirtieth of a pixel is near enough.
-    chord_error = max(0.02, np.linalg.norm(matrix[:3, :2], axis=0).min() / 30.0)
 
     def fraction(surface, thickness=0.0):
-        mesh = organs.shell(surface, thickness, chord_error=chord_error)
-        return volume_fractions(*mesh, shape, matrix)
+        return volume_fractions(*organs.shell(surface, thickness), shape, matrix)
 
     for tube, thickness, outer, inner in _SURROUNDINGS:
         surface = organs.organ_surface(tube)

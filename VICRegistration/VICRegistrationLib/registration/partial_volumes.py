@@ -13,8 +13,7 @@ from scipy import ndimage
 
 from ..geometry.line_fractions import line_fractions
 from ..geometry.surface import BSplineSurface
-from ..geometry.triangles import area_vectors, enclosed_volume
-from ..geometry.triangulation import triangulate
+from ..geometry.triangulation import triangulate_volume
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .edge_width import WIDTH_OF_BLUR, edge_width
@@ -99,8 +98,8 @@ class PartialVolumes:
     def _paint(self, surface: BSplineSurface) -> Sampler:
         """Compute the partial volumes of a surface, interpolated linearly as the image is."""
         image, spacing = self.image, np.asarray(self.image.spacing)
-        points, triangles = _triangles(surface, _CHORD_ERROR * spacing.min())
-        shares = line_fractions(points, triangles, image.array.shape, image.ijk_to_ras, lines=_LINES)
+        mesh = triangulate_volume(surface, chord_error=_CHORD_ERROR * spacing.min())
+        shares = line_fractions(mesh.points, mesh.triangles, image.array.shape, image.ijk_to_ras, lines=_LINES)
         usual = _USUAL_SPREAD * spacing.min()
         painted = self._blurred(shares, usual)
         virtual, real = (
@@ -116,14 +115,6 @@ class PartialVolumes:
         """Shares on the grid of the image after a Gaussian of so many mm."""
         deviations = deviation / np.asarray(self.image.spacing)[::-1]
         return Sampler(Image(ndimage.gaussian_filter(shares, deviations), self.image.ijk_to_ras))
-
-
-def _triangles(surface: BSplineSurface, chord_error: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles that enclose as much as a surface: those with their corners on it lie farther in."""
-    mesh = triangulate(surface, chord_error=chord_error)
-    area = np.linalg.norm(area_vectors(mesh.points, mesh.triangles), axis=1).sum()
-    lack = surface.volume() - enclosed_volume(mesh.points, mesh.triangles)
-    return mesh.points + lack / area * mesh.normals, mesh.triangles
 
 
 def _distance(surface: BSplineSurface, other: BSplineSurface) -> float:
