@@ -375,7 +375,7 @@ def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random
     """Exact points of a surface: cells of its domain chosen by their area, then a place in the cell."""
     edges = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, _CELLS)]
     middles = [(edge[1:] + edge[:-1]) / 2.0 for edge in edges]
-    areas = np.linalg.norm(np.cross(surface.grid(*middles, du=1), surface.grid(*middles, dv=1)), axis=2)
+    areas = np.linalg.norm(surface.grid_area_vectors(*middles), axis=2)
     cells = np.unravel_index(_chosen(areas.ravel(), n_points, random), areas.shape)
     u, v = (edge[cell] + random.random(n_points) * (edge[1] - edge[0]) for edge, cell in zip(edges, cells))
     return surface.points(u, v)

@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 
-from ..geometry import bspline
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import triangulate
@@ -225,10 +224,7 @@ class _Side:
     def __init__(self, surface: BSplineSurface, other: BSplineSurface, *, turned: bool = False) -> None:
         self.surface, self.other, self.turned = surface, other, turned
         self.low, self.high = np.array(surface.domain).T
-        axes = [
-            bspline.subdivided(bspline.span_limits(degree, knots), per_span=4, least=least)
-            for degree, knots, least in zip(surface.degrees, (surface.knots_u, surface.knots_v), _SAMPLES)
-        ]
+        axes = [surface.span_steps(axis, per_span=4, least=least) for axis, least in enumerate(_SAMPLES)]
         grid = surface.grid(*axes)
         steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).max() for axis in (0, 1)]
         self.spacing = float(np.hypot(*steps)) / 2.0

@@ -109,10 +109,10 @@ def patches(surface: BSplineSurface, number: int = 1) -> tuple[BSplineSurface, .
     if int(number) != number or number < 1:
         msg = f"{number} faces were asked for; give a whole number of at least 1."
         raise ValueError(msg)
-    for axis, knots in enumerate((surface.knots_u, surface.knots_v)):
+    for axis, knots in enumerate(surface.knots):
         _check_multiplicities(surface.degrees[axis], knots)
     low_v, high_v = surface.domain[1]
-    cuts = _cuts(bspline.span_limits(surface.degrees[0], surface.knots_u), int(number))
+    cuts = _cuts(surface.span_limits(0), int(number))
     whole = surface.insert_knots(
         u=_missing(surface.degrees[0], surface.knots_u, cuts),
         v=_missing(surface.degrees[1], surface.knots_v, [low_v, high_v]),

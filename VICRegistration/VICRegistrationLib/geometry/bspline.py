@@ -86,30 +86,6 @@ def span_limits(degree: int, knots: np.ndarray) -> np.ndarray:
     return np.unique(knots[degree : len(knots) - degree])
 
 
-def subdivided(limits: np.ndarray, *, per_span: int, least: int = 0, middles: bool = False) -> np.ndarray:
-    """Parameters at equal steps in every knot span.
-
-    Parameters
-    ----------
-    limits : (n_spans + 1,) array_like
-        Ends of the spans, as of :func:`span_limits`.
-    per_span : int
-        Least number of steps in a span.
-    least : int
-        Least number of steps in all.
-    middles : bool
-        Whether to take the middles of the steps, which lie on no knot, or their ends, the last one included.
-
-    Returns
-    -------
-    (n,) ndarray
-    """
-    steps = max(per_span, -(-least // (len(limits) - 1)))
-    fractions = (np.arange(steps) + (0.5 if middles else 0.0)) / steps
-    inner = (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
-    return inner if middles else np.append(inner, limits[-1])
-
-
 def nonzero_basis(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int = 0):
     """Values of the ``degree + 1`` basis functions that do not vanish at each parameter.
 

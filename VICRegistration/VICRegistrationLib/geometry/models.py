@@ -196,7 +196,7 @@ def closed_through(
 def _midpoint_basis(surface: BSplineSurface, counts: tuple[int, int]) -> sparse.csr_matrix:
     """Basis functions at the midpoints of equal intervals, (n_u * n_v, n_control)."""
     along = []
-    for degree, knots, count in zip(surface.degrees, (surface.knots_u, surface.knots_v), counts):
+    for degree, knots, count in zip(surface.degrees, surface.knots, counts):
         low, high = bspline.domain(degree, knots)
         along.append(bspline.collocation(degree, knots, low + (high - low) * (np.arange(count) + 0.5) / count))
     return sparse.kron(*along, format="csr")

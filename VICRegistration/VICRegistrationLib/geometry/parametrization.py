@@ -299,7 +299,7 @@ def _unit_column(n: int, index: int) -> sparse.csr_matrix:
 def _seam_matrix(surface: BSplineSurface, closure: str) -> sparse.csr_matrix:
     """Map from the free control points around the tube to all n_u of them."""
     degree, n_u = surface.degrees[0], surface.control_net.shape[0]
-    limits = bspline.span_limits(degree, surface.knots_u)
+    limits = surface.span_limits(0)
     if closure == "smooth":
         knots, matrix = bspline.periodic_to_clamped(degree, limits)
         if len(knots) != len(surface.knots_u) or np.abs(knots - surface.knots_u).max() > 1e-12:

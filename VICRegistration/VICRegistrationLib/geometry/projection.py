@@ -122,10 +122,7 @@ class _Samples:
 
     @classmethod
     def of(cls, surface: BSplineSurface, least: tuple[int, int]) -> _Samples:
-        axes = [
-            bspline.subdivided(bspline.span_limits(degree, knots), per_span=4, least=number)
-            for degree, knots, number in zip(surface.degrees, (surface.knots_u, surface.knots_v), least)
-        ]
+        axes = [surface.span_steps(axis, per_span=4, least=number) for axis, number in enumerate(least)]
         grid = surface.grid(*axes)
         steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).max() for axis in (0, 1)]
         rows, columns = (len(axis) for axis in axes)
@@ -212,7 +209,7 @@ class _Track:
         self.low, self.high = np.array(surface.domain).T
         self.wraps = np.array([surface.closed_u, surface.closed_v])
         self.tolerance = 1e-12 * surface.size
-        u = bspline.subdivided(bspline.span_limits(surface.degrees[0], surface.knots_u), per_span=4, least=64)
+        u = surface.span_steps(0, per_span=4, least=64)
         self.poles = []
         for pole, v, inward in zip(surface.poles, (self.low[1], self.high[1]), (1.0, -1.0)):
             if pole:
@@ -224,7 +221,7 @@ class _Track:
     def derivatives(self, parameters):
         """S, S_u, S_v, S_uu, S_uv and S_vv at parameters (n, 2), as (6, n, 3)."""
         surface, first, values = self.surface, [], []
-        for axis, knots in enumerate((surface.knots_u, surface.knots_v)):
+        for axis, knots in enumerate(surface.knots):
             orders = [
                 bspline.nonzero_basis(surface.degrees[axis], knots, parameters[:, axis], order) for order in range(3)
             ]

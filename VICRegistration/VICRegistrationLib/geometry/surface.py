@@ -91,9 +91,14 @@ class BSplineSurface:
         return f"BSplineSurface({rows} x {columns} control points of degrees {self.degrees}, {self.size:.3g} mm large)"
 
     @property
+    def knots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Knot vectors in u and v."""
+        return self.knots_u, self.knots_v
+
+    @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Parameter ranges ``((u_min, u_max), (v_min, v_max))``."""
-        return bspline.domain(self.degrees[0], self.knots_u), bspline.domain(self.degrees[1], self.knots_v)
+        return tuple(bspline.domain(degree, knots) for degree, knots in zip(self.degrees, self.knots))
 
     @property
     def size(self) -> float:
@@ -178,7 +183,32 @@ class BSplineSurface:
         low, high = self.domain[0]
         return replace(self, knots_u=(low + high) - self.knots_u[::-1], control_net=self.control_net[::-1])
 
-    # ------------------------------------------------------------------ evaluation
+    # ------------------------------------------------------------------ parameters
+
+    def span_limits(self, axis: int) -> np.ndarray:
+        """Return the ends of the knot spans along an axis (0 is u, 1 is v), ascending."""
+        return bspline.span_limits(self.degrees[axis], self.knots[axis])
+
+    def span_steps(self, axis: int, *, per_span: int, least: int = 0, middles: bool = False) -> np.ndarray:
+        """Return parameters along an axis (0 is u, 1 is v) at equal steps in every knot span.
+
+        Parameters
+        ----------
+        axis : {0, 1}
+        per_span, least : int
+            Least number of steps in a span, and in all.
+        middles : bool
+            Whether to take the middles of the steps, which lie on no knot, or their ends, the last one included.
+
+        Returns
+        -------
+        (n,) ndarray
+        """
+        limits = self.span_limits(axis)
+        steps = max(per_span, -(-least // (len(limits) - 1)))
+        fractions = (np.arange(steps) + (0.5 if middles else 0.0)) / steps
+        inner = (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
+        return inner if middles else np.append(inner, limits[-1])
 
     def midpoints(self, n_u: int, n_v: int) -> tuple[np.ndarray, np.ndarray]:
         """Parameters in the middles of equal intervals, so that neither poles nor seam are hit.
@@ -198,6 +228,8 @@ class BSplineSurface:
         ]
         u, v = np.meshgrid(*axes, indexing="ij")
         return u.ravel(), v.ravel()
+
+    # ------------------------------------------------------------------ evaluation
 
     def grid(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:
         """Points, or a partial derivative, on the grid of all pairs of parameters.
@@ -253,6 +285,36 @@ class BSplineSurface:
         j = first_v[:, None, None] + np.arange(values_v.shape[1])[None, None, :]
         return np.einsum("na,nb,nabk->nk", values_u, values_v, self.control_net[i, j])
 
+    def area_vectors(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Work out S_u x S_v at pairs of parameters: along the normal, as long as the area per unit of u and v.
+
+        Parameters
+        ----------
+        u, v : (n,) array_like
+            Parameters inside the domain.
+
+        Returns
+        -------
+        (n, 3) ndarray
+            mm^2 per parameter units; zero at a pole.
+        """
+        return np.cross(self.points(u, v, du=1), self.points(u, v, dv=1))
+
+    def grid_area_vectors(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Work out S_u x S_v on the grid of all pairs of parameters, as :meth:`area_vectors` does for pairs.
+
+        Parameters
+        ----------
+        u : (m_u,) array_like
+        v : (m_v,) array_like
+            Parameters inside the domain.
+
+        Returns
+        -------
+        (m_u, m_v, 3) ndarray
+        """
+        return np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
+
     def normals(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return unit normals at pairs of parameters; at a pole, the normal of the tangent plane.
 
@@ -301,7 +363,7 @@ class BSplineSurface:
 
     def _edge_points(self, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Control points of the two boundary curves across an axis, each (n, 3)."""
-        degree, knots = self.degrees[axis], (self.knots_u, self.knots_v)[axis]
+        degree, knots = self.degrees[axis], self.knots[axis]
         ends = bspline.collocation(degree, knots, bspline.domain(degree, knots))
         net = np.moveaxis(self.control_net, axis, 0)
         first, last = (ends @ net.reshape(len(net), -1)).reshape(2, -1, 3)
@@ -359,14 +421,8 @@ class BSplineSurface:
 
     def refined(self) -> BSplineSurface:
         """Halve every span, without changing the surface, in both directions."""
-        middles = [
-            (limits[1:] + limits[:-1]) / 2.0
-            for limits in (
-                bspline.span_limits(self.degrees[0], self.knots_u),
-                bspline.span_limits(self.degrees[1], self.knots_v),
-            )
-        ]
-        return self.insert_knots(u=middles[0], v=middles[1])
+        u, v = (self.span_steps(axis, per_span=1, middles=True) for axis in (0, 1))
+        return self.insert_knots(u=u, v=v)
 
     def volume(self) -> float:
         """Volume enclosed by a closed surface, mm^3; positive when the normals point outward.
@@ -409,8 +465,7 @@ class BSplineSurface:
         u, weights_u = bspline.gauss_points(p, self.knots_u, (3 * p + 1) // 2)
         v, weights_v = bspline.gauss_points(q, self.knots_v, (3 * q + 1) // 2)
         offset = self.grid(u, v) - apex
-        cross = np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
-        return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, offset, cross) / 3.0)
+        return float(np.einsum("i,j,ijk,ijk->", weights_u, weights_v, offset, self.grid_area_vectors(u, v)) / 3.0)
 
     def area(self, *, tolerance: float = 1e-9) -> float:
         """Area of the surface, mm^2.
@@ -432,8 +487,7 @@ class BSplineSurface:
         for n_points in (6, 12, 24, 48):
             u, weights_u = bspline.gauss_points(self.degrees[0], self.knots_u, n_points)
             v, weights_v = bspline.gauss_points(self.degrees[1], self.knots_v, n_points)
-            cross = np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
-            area = float(weights_u @ np.linalg.norm(cross, axis=2) @ weights_v)
+            area = float(weights_u @ np.linalg.norm(self.grid_area_vectors(u, v), axis=2) @ weights_v)
             if previous is not None and abs(area - previous) <= tolerance * area:
                 break
             previous = area

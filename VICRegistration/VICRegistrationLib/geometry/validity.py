@@ -145,7 +145,7 @@ def _open_problem(surface: BSplineSurface) -> Problem:
 def _pole_problem(surface: BSplineSurface, end: int) -> Problem | None:
     """Judge a pole by the directions in which the surface leaves it: once round it, always forward."""
     v = surface.domain[1][end]
-    u = _samples(surface, 0, 16 * surface.control_net.shape[0], middles=False)
+    u = surface.span_steps(0, per_span=4, least=16 * surface.control_net.shape[0])
     leaving = surface.grid(u, [v], dv=1)[:, 0] * (1.0, -1.0)[end]
     faulty = _faulty_turn(leaving)
     ring = surface.control_net[:, (1, -2)[end]] - surface.points(u[:1], [v])[0]
@@ -176,23 +176,19 @@ def _faulty_turn(offsets: np.ndarray) -> int | None:
 # ------------------------------------------------------------------ normals
 
 
-def _samples(surface: BSplineSurface, axis: int, least: int, *, middles: bool = True) -> np.ndarray:
-    """Parameters along an axis, equally many in every span: middles of equal steps, or their ends."""
-    limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    return bspline.subdivided(limits, per_span=4, least=least, middles=middles)
-
-
 def _normal_problem(surface: BSplineSurface) -> Problem | None:
     """Look for places where S_u x S_v vanishes or turns over, then for a surface that is inside out."""
-    u, v = (_samples(surface, axis, _LEAST_SAMPLES[axis]) for axis in (0, 1))
-    cross = np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1))
-    length = np.linalg.norm(cross, axis=2)
+    u, v = (
+        surface.span_steps(axis, per_span=4, least=least, middles=True) for axis, least in enumerate(_LEAST_SAMPLES)
+    )
+    vectors = surface.grid_area_vectors(u, v)
+    length = np.linalg.norm(vectors, axis=2)
     smallest = np.unravel_index(np.argmin(length), length.shape)
     area_scale = surface.size**2 / np.prod(np.ptp(surface.domain, axis=1))
     remedy = "Take a coarser net, or check the separated region there."
     if length[smallest] <= 1e-9 * area_scale:
         return _problem(surface, "flipped normal", "no_normal", u[smallest[0]], v[smallest[1]], remedy)
-    place = _overturned(surface, u, v, cross / length[..., None])
+    place = _overturned(surface, u, v, vectors / length[..., None])
     if place:
         return _problem(surface, "flipped normal", "folded_over", *place, remedy)
     if surface.closed and not surface.volume() > 0.0:
@@ -205,7 +201,7 @@ def _overturned(surface: BSplineSurface, u, v, normals) -> tuple[float, float] |
     """Find where neighbouring normals point to opposite sides however close the neighbours are."""
     suspects = []
     for axis, values in ((0, u), (1, v)):
-        knots, degree = (surface.knots_u, surface.knots_v)[axis], surface.degrees[axis]
+        knots, degree = surface.knots[axis], surface.degrees[axis]
         first, second = np.moveaxis(normals, axis, 0)[:-1], np.moveaxis(normals, axis, 0)[1:]
         between = np.searchsorted(knots, values[1:]) - np.searchsorted(knots, values[:-1])
         # An edge where the surface is only continuous may be sharp, but not folded flat.
@@ -257,7 +253,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
 
 def _even_resolution(surface: BSplineSurface) -> tuple[int, int]:
     """Choose numbers of intervals for triangles about as long as wide, at least four in every span."""
-    grid = surface.grid(*(_samples(surface, axis, 1, middles=False) for axis in (0, 1)))
+    grid = surface.grid(*(surface.span_steps(axis, per_span=4) for axis in (0, 1)))
     lengths = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).sum(axis=axis).max() for axis in (0, 1)]
     edge = np.sqrt(lengths[0] * lengths[1] / (_LEAST_SAMPLES[0] * _LEAST_SAMPLES[1]))
     return tuple(max(size - 1, int(np.ceil(length / edge))) for size, length in zip(grid.shape, lengths))

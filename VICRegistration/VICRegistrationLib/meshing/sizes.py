@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..geometry import bspline
 from ..geometry.surface import BSplineSurface
 
 # How fast the size grows with the distance from a place of small elements.
@@ -81,9 +80,7 @@ def curvatures(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) -> np.ndar
     Positive where the surface bends away from its normal, as a sphere does.
     """
     du, dv = surface.grid(u, v, du=1), surface.grid(u, v, dv=1)
-    cross = np.cross(du, dv)
-    length = np.linalg.norm(cross, axis=2, keepdims=True)
-    normal = cross / np.where(length > 0.0, length, 1.0)
+    normal = surface.grid_normals(u, v)
     first = [np.einsum("ijk,ijk->ij", a, b) for a, b in ((du, du), (du, dv), (dv, dv))]
     seconds = (surface.grid(u, v, du=2), surface.grid(u, v, du=1, dv=1), surface.grid(u, v, dv=2))
     e, f, g = (-np.einsum("ijk,ijk->ij", second, normal) for second in seconds)
@@ -96,7 +93,7 @@ def curvatures(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) -> np.ndar
 
 def _on_surface(surface: BSplineSurface, size: float, order: int, volume_error: float):
     """Points of a surface and the sizes there."""
-    u, v = (_middles(surface, axis) for axis in (0, 1))
+    u, v = (surface.span_steps(axis, per_span=3, least=least, middles=True) for axis, least in enumerate(_SAMPLES))
     bent = np.abs(curvatures(surface, u, v))
     strongest, mean = np.maximum(bent.max(axis=2), 1e-12), np.maximum(bent.mean(axis=2), 1e-12)
     sizes = np.minimum(size, _LONGEST_ARC[order] / strongest)
@@ -105,12 +102,6 @@ def _on_surface(surface: BSplineSurface, size: float, order: int, volume_error: 
         sizes = np.minimum(sizes, np.sqrt(8.0 * gap / mean))
     points = surface.grid(u, v).reshape(-1, 3)
     return points, np.maximum(sizes, _SMALLEST * size).ravel()
-
-
-def _middles(surface: BSplineSurface, axis: int) -> np.ndarray:
-    """Parameters inside the knot spans, at least as many as wanted along the axis."""
-    limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    return bspline.subdivided(limits, per_span=3, least=_SAMPLES[axis], middles=True)
 
 
 def _graded(points: np.ndarray, sizes: np.ndarray, places: np.ndarray, size: float, *, slack: float) -> np.ndarray:

@@ -58,7 +58,7 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
 
 def _check_hollows(surface: BSplineSurface, distance: float, name: str) -> None:
     """Refuse a wall that is thicker than the radius of a hollow of the surface."""
-    u, v = (_spread(surface, axis, 8) for axis in (0, 1))
+    u, v = (surface.span_steps(axis, per_span=8, middles=True) for axis in (0, 1))
     hollow = -curvatures(surface, u, v)[..., 0]
     i, j = np.unravel_index(np.argmax(hollow), hollow.shape)
     if hollow[i, j] * distance >= 1.0:
@@ -82,7 +82,7 @@ def _check_outer(surface: BSplineSurface, outer: BSplineSurface, distance: float
 
 def _interpolated(surface: BSplineSurface, like: BSplineSurface, distance: float) -> BSplineSurface:
     """Surface with the knots of another one through the offset points at its Greville abscissae."""
-    degrees, knots = like.degrees, (like.knots_u, like.knots_v)
+    degrees, knots = like.degrees, like.knots
     places = [
         np.clip(bspline.greville_abscissae(degree, ts), *bspline.domain(degree, ts))
         for degree, ts in zip(degrees, knots)
@@ -104,8 +104,7 @@ def _interpolated(surface: BSplineSurface, like: BSplineSurface, distance: float
 
 def _offset_points(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distance: float) -> np.ndarray:
     """Points S + distance n on a grid of parameters, (m_u, m_v, 3); one point at each pole and along the seam."""
-    mesh_u, mesh_v = np.meshgrid(u, v, indexing="ij")
-    normals = surface.normals(mesh_u.ravel(), mesh_v.ravel()).reshape(len(u), len(v), 3)
+    normals = surface.grid_normals(u, v)
     if surface.closed_u:
         normals[[0, -1]] = (normals[0] + normals[-1]) / 2.0
     for end, pole in zip((0, -1), surface.poles):
@@ -117,21 +116,11 @@ def _offset_points(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distan
 
 def _thickness_error(surface: BSplineSurface, outer: BSplineSurface, distance: float):
     """Largest distance from the exact offset points between the knots, and where, RAS mm."""
-    u, v = (_spread(outer, axis, 3) for axis in (0, 1))
-    apart = np.linalg.norm(outer.grid(u, v) - _offset_points_inside(surface, u, v, distance), axis=2)
+    u, v = (outer.span_steps(axis, per_span=3, middles=True) for axis in (0, 1))
+    exact = surface.grid(u, v) + distance * surface.grid_normals(u, v)
+    apart = np.linalg.norm(outer.grid(u, v) - exact, axis=2)
     i, j = np.unravel_index(np.argmax(apart), apart.shape)
     return float(apart[i, j]), surface.points([u[i]], [v[j]])[0]
-
-
-def _offset_points_inside(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distance: float) -> np.ndarray:
-    cross = np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1))
-    return surface.grid(u, v) + distance * cross / np.linalg.norm(cross, axis=2, keepdims=True)
-
-
-def _spread(surface: BSplineSurface, axis: int, per_span: int) -> np.ndarray:
-    """Parameters inside every knot span, never on a knot."""
-    limits = bspline.span_limits(surface.degrees[axis], (surface.knots_u, surface.knots_v)[axis])
-    return bspline.subdivided(limits, per_span=per_span, middles=True)
 
 
 def _told(place: np.ndarray) -> str:

@@ -107,7 +107,7 @@ class OrganCuts:
 
     def _across_the_seam(self, parent: BSplineSurface, period: float) -> tuple[np.ndarray, sparse.csr_matrix]:
         degree = parent.degrees[0]
-        breaks = bspline.span_limits(degree, parent.knots_u)
+        breaks = parent.span_limits(0)
         n = len(breaks) - 1
         distinct = _periodic_matrix(parent, breaks)
         turns = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks + period, breaks[1:] + 2.0 * period])

@@ -63,7 +63,7 @@ class SolidMoments:
         v, weights_v = bspline.gauss_points(surface.degrees[1], surface.knots_v, (5 * surface.degrees[1] + 1) // 2)
         middle = surface.control_net.mean(axis=(0, 1))
         x = surface.grid(u, v) - middle
-        flux = np.einsum("ijk,ijk->ij", x, np.cross(surface.grid(u, v, du=1), surface.grid(u, v, dv=1)))
+        flux = np.einsum("ijk,ijk->ij", x, surface.grid_area_vectors(u, v))
         flux = weights_u[:, None] * weights_v * flux
         volume = flux.sum() / 3.0
         center = np.einsum("ij,ijk->k", flux, x) / 4.0 / volume

@@ -306,8 +306,9 @@ def judged(
 def _searched(sampler: Sampler, surface: BSplineSurface) -> list[np.ndarray]:
     """Displacements of a surface after which grey levels on both of its sides differ most, as motions, best first."""
     u, v = surface.midpoints(*SAMPLES)
-    points, normals = surface.points(u, v), surface.normals(u, v)
-    area = np.linalg.norm(np.cross(surface.points(u, v, du=1), surface.points(u, v, dv=1)), axis=1)
+    points, vectors = surface.points(u, v), surface.area_vectors(u, v)
+    area = np.linalg.norm(vectors, axis=1)
+    normals = vectors / area[:, None]
     depth = 0.7 * surface.volume() / surface.area()
     steps = np.arange(-LARGEST_SHIFT_MM, LARGEST_SHIFT_MM + 0.1, _SEARCH_STEP_MM)
     shifts = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..geometry import bspline
 from ..geometry.models import closed_organ
 from ..geometry.parametrization import closed_organ as closed_organ_parametrization
 from ..geometry.surface import BSplineSurface
@@ -101,10 +100,7 @@ def refined(surface: BSplineSurface, span: float, *, closure: str) -> BSplineSur
         each other; no net gets more than 65 rows or columns.
     """
     while True:
-        limits = [
-            bspline.span_limits(degree, knots)
-            for degree, knots in zip(surface.degrees, (surface.knots_u, surface.knots_v))
-        ]
+        limits = [surface.span_limits(axis) for axis in (0, 1)]
         middles = [(ends[1:] + ends[:-1]) / 2.0 for ends in limits]
         steps = [np.diff(ends) for ends in limits]
         longest = (

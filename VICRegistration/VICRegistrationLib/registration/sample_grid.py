@@ -67,7 +67,7 @@ class SampleGrid:
         shares = [(np.arange(n) + 0.5) / n for n in shape]
         if between:
             shares = [np.arange(shape[0]) / shape[0], np.arange(1, shape[1]) / shape[1]]
-        for degree, knots, share in zip(surface.degrees, (surface.knots_u, surface.knots_v), shares):
+        for degree, knots, share in zip(surface.degrees, surface.knots, shares):
             low, high = bspline.domain(degree, knots)
             x = low + (high - low) * share
             axes.append(x)

@@ -92,7 +92,7 @@ class View:
     def seen(self, surface: BSplineSurface) -> float:
         """Share of a surface's area that lies in the image."""
         u, v = surface.midpoints(*_SEEN_AT)
-        area = np.linalg.norm(np.cross(surface.points(u, v, du=1), surface.points(u, v, dv=1)), axis=1)
+        area = np.linalg.norm(surface.area_vectors(u, v), axis=1)
         return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
 
     def voxels_along(self, surface: BSplineSurface) -> float:
