@@ -13,7 +13,8 @@ import VICRegistrationLib as vic
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
-from VICRegistrationLib.registration.schedule import Schedule, View
+from VICRegistrationLib.registration.schedule import Schedule
+from VICRegistrationLib.registration.stack_view import View
 from VICRegistrationLib.registration.stacks import as_stacks
 
 SEEDS = CENTER[None]

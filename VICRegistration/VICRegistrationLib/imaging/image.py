@@ -143,6 +143,27 @@ class Image:
         box = tuple(slice(low, high) for low, high in zip(start.tolist(), stop.tolist()))
         return _view(self.array[box], matrix)
 
+    def crop_around(self, points: np.ndarray, margin: float) -> Image:
+        """Cut out the smallest box of voxels around points, or what of it lies in the volume.
+
+        Parameters
+        ----------
+        points : (n, 3) array_like
+            RAS mm.
+        margin : float
+            How far beyond the points the box reaches, mm.
+
+        Returns
+        -------
+        Image
+            At least two voxels thick; nothing is copied.
+        """
+        reach = margin / self.spacing
+        ijk = self.to_ijk(points)
+        start = np.clip(np.floor(ijk.min(axis=0) - reach), 0, self.size - 2).astype(int)
+        stop = np.clip(np.ceil(ijk.max(axis=0) + reach) + 1, start + 2, self.size).astype(int)
+        return self.crop(start[::-1], stop[::-1])
+
     def canonical(self) -> Image:
         """Permute and flip the axes so that i, j and k run closest to right, anterior and superior.
 

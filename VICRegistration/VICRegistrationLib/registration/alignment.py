@@ -25,7 +25,7 @@ from .levels import measured_levels
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS
 from .partial_volumes import PartialVolumes
 from .sample_grid import SampledSurface, SampleGrid
-from .schedule import View, crop_around
+from .stack_view import View
 from .stages import Stage, iterate_stage
 from .virtual_image import IntensityProfile, VirtualImage
 
@@ -156,7 +156,7 @@ def surroundings(
     """Cut out a stack around a surface and points (n, 3), and so much more, mm, as a fit reads it."""
     net = surface.control_net.reshape(-1, 3)
     reach = margin + 4.0 * MOST_TAU_PIXELS * float(min(image.spacing))
-    return Sampler(crop_around(image, net if points is None else np.concatenate([net, points]), reach))
+    return Sampler(image.crop_around(net if points is None else np.concatenate([net, points]), reach))
 
 
 def known_lines(sampler: Sampler, surface: BSplineSurface) -> np.ndarray:

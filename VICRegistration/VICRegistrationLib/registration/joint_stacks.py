@@ -24,7 +24,8 @@ from .nets import halvings_to, sampled_net
 from .partial_volumes import PartialVolumes
 from .relative_motions import relative_motions
 from .sample_grid import SampledSurface
-from .schedule import Schedule, View
+from .schedule import Schedule
+from .stack_view import View
 from .stacks import Stack, StackUse, rotation_degrees
 from .stages import Step, last_step
 

@@ -17,7 +17,8 @@ from .levels import levels_beside, levels_of_region
 from .options import MAX_ITERATIONS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .partial_volumes import PartialVolumes
 from .region_image import RegionImage, region_image
-from .stages import Further, Stage
+from .stack_view import View
+from .stages import Stage
 from .virtual_image import IntensityProfile, VirtualImage
 
 # Surroundings of the region that the model may start in, mm.
@@ -45,72 +46,8 @@ SMOOTHNESS_TO_START = 1e-5
 # 0.06 mm, as the finest net is refused by partial volumes of the coarser one. With 0, nets follow noise: the surface
 # that is judged has then partial volumes of its own noise, and a smooth organ of poor contrast gets the finest net.
 _NEAR_COARSE, _NEAR_FINE = 4.0, 0.125
-# Samples (u, v) of a surface by which is judged how much of it an image shows.
-_SEEN_AT = (24, 16)
 # Least width of an edge that is looked for, in voxels.
 _LEAST_TAU = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """A further image of the organ, in the frame in which it is fitted.
-
-    Parameters
-    ----------
-    sampler : Sampler
-        The grey levels around the organ, moved to where the first image shows it.
-    voxel : (3, 3) ndarray
-        Columns are the edges of a voxel, mm.
-    inside, outside : float
-        Typical grey levels on both sides of the organ's boundary; the inside may be the darker one.
-    tau : float
-        Width of the edge, mm.
-    volumes : PartialVolumes
-        In its voxels, where they lay before the image was moved.
-    motion : (4, 4) ndarray
-        Rigid: takes the frame of the fit to that of `volumes`.
-    trust : float
-        How much a voxel of it counts beside one of the first image.
-    """
-
-    sampler: Sampler
-    voxel: np.ndarray
-    inside: float
-    outside: float
-    tau: float
-    volumes: PartialVolumes
-    motion: np.ndarray
-    trust: float = 1.0
-
-    def moved(self, motion: np.ndarray) -> View:
-        """Take the image to another place by a rigid motion, (4, 4)."""
-        image = self.sampler.image
-        moved = Sampler(Image(image.array, motion @ image.ijk_to_ras))
-        voxel, to_volumes = motion[:3, :3] @ self.voxel, self.motion @ np.linalg.inv(motion)
-        return replace(self, sampler=moved, voxel=voxel, motion=to_volumes)
-
-    def seen(self, surface: BSplineSurface) -> float:
-        """Share of a surface's area that lies in the image."""
-        u, v = surface.midpoints(*_SEEN_AT)
-        area = np.linalg.norm(surface.area_vectors(u, v), axis=1)
-        return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
-
-    def voxels_along(self, surface: BSplineSurface) -> float:
-        """Count its voxels that lie in a band around a surface, as wide as its edge."""
-        return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
-
-    def shares_along(self, surface: BSplineSurface, axes, depths, *, within: float) -> np.ndarray:
-        """Share of the image's blur that lies inside a surface, see :meth:`.PartialVolumes.along`."""
-        return self.volumes.along(surface.transformed(self.motion), axes, depths, within=within)
-
-    def compared(self, options: FitOptions, *, widening: float, within: float) -> Further:
-        """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
-        centered = options.profile == "centered"
-        profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
-        # Levels that are given are those of the first image.
-        mode = "local" if options.levels == "given" else options.levels
-        shares = partial(self.shares_along, within=within)
-        return Further(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +145,7 @@ class Schedule:
         pixel = float(min(image.spacing))
         net = surface.control_net.reshape(-1, 3)
         reach = 4.0 * (options.tau or MOST_TAU_PIXELS * pixel)
-        sampler = Sampler(crop_around(image, net if points is None else np.concatenate([net, points]), reach))
+        sampler = Sampler(image.crop_around(net if points is None else np.concatenate([net, points]), reach))
         options = _as_to_start(options, pixel)
         levels = levels_beside(surface, sampler, options)
         return cls(sampler, PartialVolumes(sampler.image), image.ijk_to_ras[:3, :3], *levels, options)
@@ -350,15 +287,6 @@ def _as_to_start(options: FitOptions, pixel: float) -> FitOptions:
 
 
 # ------------------------------------------------------------------ parts of the image
-
-
-def crop_around(image: Image, points: np.ndarray, margin: float) -> Image:
-    """Cut out the image around points, (n, 3) RAS mm."""
-    reach = margin / image.spacing
-    ijk = image.to_ijk(points)
-    start = np.clip(np.floor(ijk.min(axis=0) - reach), 0, image.size - 2).astype(int)
-    stop = np.clip(np.ceil(ijk.max(axis=0) + reach) + 1, start + 2, image.size).astype(int)
-    return image.crop(start[::-1], stop[::-1])
 
 
 def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margin: float) -> Image:

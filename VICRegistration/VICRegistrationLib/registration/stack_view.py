@@ -1,0 +1,81 @@
+"""A further stack as a fit compares a surface with it: aligned, with its own levels, edge and voxels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ..geometry.surface import BSplineSurface
+from ..imaging.image import Image
+from ..imaging.sampling import Sampler
+from .options import FitOptions
+from .partial_volumes import PartialVolumes
+from .stages import Further
+from .virtual_image import IntensityProfile, VirtualImage
+
+# Samples (u, v) of a surface by which is judged how much of it an image shows.
+_SEEN_AT = (24, 16)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A further image of the organ, in the frame in which it is fitted.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The grey levels around the organ, moved to where the first image shows it.
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel, mm.
+    inside, outside : float
+        Typical grey levels on both sides of the organ's boundary; the inside may be the darker one.
+    tau : float
+        Width of the edge, mm.
+    volumes : PartialVolumes
+        In its voxels, where they lay before the image was moved.
+    motion : (4, 4) ndarray
+        Rigid: takes the frame of the fit to that of `volumes`.
+    trust : float
+        How much a voxel of it counts beside one of the first image.
+    """
+
+    sampler: Sampler
+    voxel: np.ndarray
+    inside: float
+    outside: float
+    tau: float
+    volumes: PartialVolumes
+    motion: np.ndarray
+    trust: float = 1.0
+
+    def moved(self, motion: np.ndarray) -> View:
+        """Take the image to another place by a rigid motion, (4, 4)."""
+        image = self.sampler.image
+        moved = Sampler(Image(image.array, motion @ image.ijk_to_ras))
+        voxel, to_volumes = motion[:3, :3] @ self.voxel, self.motion @ np.linalg.inv(motion)
+        return replace(self, sampler=moved, voxel=voxel, motion=to_volumes)
+
+    def seen(self, surface: BSplineSurface) -> float:
+        """Share of a surface's area that lies in the image."""
+        u, v = surface.midpoints(*_SEEN_AT)
+        area = np.linalg.norm(surface.area_vectors(u, v), axis=1)
+        return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
+
+    def voxels_along(self, surface: BSplineSurface) -> float:
+        """Count its voxels that lie in a band around a surface, as wide as its edge."""
+        return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
+
+    def shares_along(self, surface: BSplineSurface, axes, depths, *, within: float) -> np.ndarray:
+        """Share of the image's blur that lies inside a surface, see :meth:`.PartialVolumes.along`."""
+        return self.volumes.along(surface.transformed(self.motion), axes, depths, within=within)
+
+    def compared(self, options: FitOptions, *, widening: float, within: float) -> Further:
+        """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
+        centered = options.profile == "centered"
+        profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
+        # Levels that are given are those of the first image.
+        mode = "local" if options.levels == "given" else options.levels
+        shares = partial(self.shares_along, within=within)
+        return Further(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
