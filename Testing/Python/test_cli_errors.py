@@ -83,6 +83,16 @@ def in_metres(folder, image):
     return path
 
 
+def micrometres_that_are_none(folder, image):
+    path = folder / "unit.nii"
+    write_image(image, path)
+    # The code of its unit.
+    content = bytearray(path.read_bytes())
+    content[123] = 3
+    path.write_bytes(content)
+    return path
+
+
 def locked(folder, image):
     path = folder / "locked.nrrd"
     write_image(image, path)
@@ -106,6 +116,7 @@ def constant(folder, image):
         (no_image, ["notes.txt cannot be read as an image (its format is not known)"]),
         (cut_short, ["short.nii is cut short", "copy or download it again"]),
         (in_metres, ["metres.nrrd: The volume is", "smaller than any organ", "1000 times as large"]),
+        (micrometres_that_are_none, ["unit.nii: its lengths are in micrometres", "smaller than any organ"]),
         (locked, ["locked.nrrd cannot be read (Permission denied)"]),
         (empty_folder, ["holds no DICOM slices", "choose the folder that holds the slices"]),
         (colour, ["colour.nrrd has 3 values per voxel", "--frame 1 to --frame 3"]),

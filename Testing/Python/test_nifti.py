@@ -193,6 +193,15 @@ def test_a_broken_spacing_that_counts_is_refused(tmp_path, code, step):
         read_image(path)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_qform_of_no_numbers_is_refused_where_it_counts(tmp_path, number):
+    broken = struct.pack("<f", number)
+    path = patched(nifti(tmp_path / "a.nii", affine(), sform=0), 256, broken)
+    with pytest.raises(ValueError, match="a.nii has a qform whose quaternion is not finite, and no sform"):
+        read_image(path)
+    assert check(patched(nifti(tmp_path / "b.nii", affine()), 256, broken)) == []
+
+
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
 def test_a_file_cut_short_is_refused(tmp_path, name):
     path = nifti(tmp_path / name, affine())

@@ -29,7 +29,9 @@ PLAIN = grid([(1, 0, 0), (0, 1, 0), (0, 0, 3)], (0, 0, 0))
 
 
 def nrrd(path, *lines, matrix=PLAIN, sizes="6 5 4", repeat=1):
-    head = ["NRRD0005", "type: short", "endian: little", "encoding: raw", f"dimension: {len(sizes.split())}"]
+    head = ["NRRD0005", "type: short", "endian: little", f"dimension: {len(sizes.split())}"]
+    if not any(line.startswith("encoding") for line in lines):
+        head.append("encoding: raw")
     data = levels_of(matrix, SIZE).astype("<i2").tobytes() * repeat
     path.write_bytes("\n".join([*head, f"sizes: {sizes}", *lines, "", ""]).encode() + data)
     return path
@@ -136,6 +138,7 @@ def test_distances_are_not_invented(tmp_path, write, name, lines, words):
         (nrrd, "a.nrrd", [VECTORS, "space: LPS"], None, "directions, an origin or units above its space"),
         (nrrd, "a.nrrd", ["space: LPS", "space directions: (1,0,0) (1,0,0) (0,0,3)"], None, "axes have one direction"),
         (nrrd, "a.nhdr", ["space: LPS", VECTORS, "data file: gone.raw"], None, "gone.raw, is not beside it"),
+        (nrrd, "a.nrrd", ["space: LPS", VECTORS, "encoding: bzip2"], None, "compressed by bzip2, which ITK cannot read"),
     ],
 )
 def test_why_a_file_cannot_be_read_is_reported(tmp_path, write, name, lines, keep, words):
@@ -203,6 +206,12 @@ def test_lengths_in_centimetres_get_a_warning(tmp_path, factor, warned):
     notes = []
     read_image(tmp_path / "a.nii.gz", warn=notes.append)
     assert ["its longest side is 20 mm, with voxels of 0.1 x 0.1 x 0.4 mm" in note for note in notes] == [True] * warned
+
+
+def test_a_fourth_axis_that_itk_takes_for_space_is_refused(tmp_path):
+    lines = ["space: LPS", f"{VECTORS} none", "space origin: (0,0,0)", "kinds: domain domain domain time"]
+    path = nrrd(tmp_path / "a.nrrd", *lines, sizes="6 5 4 2", repeat=2)
+    assert "more axes than its space, such as time; save one volume of it" in refusal(path)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,8 @@ def read_with_warnings(
     try:
         check_scale(image)
     except ValueError as error:
-        msg = f"{path}: {error}"
+        # A unit in the file's header may be the wrong one.
+        msg = " ".join([*(f"{note}." for note in notes), str(error)] if notes else [f"{path}: {error}"])
         raise ValueError(msg) from None
     count = few_values(image)
     if count:

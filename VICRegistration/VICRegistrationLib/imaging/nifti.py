@@ -157,6 +157,9 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
         raise ValueError(msg)
     elif qform is not None:
         matrix = qform
+    elif is_nifti and header.GetQFormCode() > 0:
+        msg = f"{path} has a qform whose quaternion is not finite, and no sform; write its header again."
+        raise ValueError(msg)
     else:
         # As ITK and Slicer take it.
         matrix = np.diag([*(spacing * [-1, -1, 1]), 1.0])
@@ -167,9 +170,11 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
     return np.diag([scale, scale, scale, 1.0]) @ matrix, notes
 
 
-def _qform(header, spacing: np.ndarray) -> np.ndarray:
-    """Matrix of the quaternion, as the standard has it."""
+def _qform(header, spacing: np.ndarray) -> np.ndarray | None:
+    """Matrix of the quaternion, as the standard has it; None if one of its numbers is none."""
     b, c, d = header.GetQuaternB(), header.GetQuaternC(), header.GetQuaternD()
+    if not np.isfinite([b, c, d]).all():
+        return None
     a = np.sqrt(max(0.0, 1.0 - b * b - c * c - d * d))
     turn = Rotation.from_quat([b, c, d, a]).as_matrix()
     turn[:, 2] *= -1.0 if header.GetPixDim(0) < 0 else 1.0

@@ -108,6 +108,10 @@ def cause(path: Path, kind: str, error: str) -> str:
     # The voxels may be in the same file, or in several that a pattern or a list names.
     if data and not re.match(r"LOCAL|LIST|.*[% ]", data, re.I) and not (path.parent / data).exists():
         return f"the file of its voxels, {data}, is not beside it"
+    if re.search(r"^encoding: *(bz2|bzip2)", head, re.M | re.I):
+        return "it is compressed by bzip2, which ITK cannot read; save it with gzip"
+    if "number of domain axes" in error:
+        return "it has more axes than its space, such as time; save one volume of it as a file of its own"
     if "fread got only" in error or (kind == "MetaImageIO" and "for reading" in error):
         return "its data end too soon"
     if "valid space dimension" in error:
