@@ -221,9 +221,17 @@ def test_a_slice_that_is_damaged_is_named(tmp_path):
     assert f"The folder also holds files that are damaged and were left out (1): {third.name}." in message
 
 
+def test_slices_of_no_series_are_reported(tmp_path):
+    folder = write_series(tmp_path / "series", [single(place, series="") for place in positions()])
+    message = refusal(folder)
+    assert "holds no DICOM slices" in message
+    assert "damaged and were left out (6): IM000_0 (no SeriesInstanceUID), " in message
+
+
 def test_a_slice_that_is_missing_in_one_of_several_volumes(tmp_path):
     pairs = [(place, echo) for place in positions() for echo in (10.0, 80.0)]
     folder = write_series(tmp_path / "series", [single(place, EchoTime=echo) for place, echo in pairs[:7] + pairs[8:]])
+    assert "holds up to 2 images at each of its 6 places (EchoTime: 10.0, 80.0)" in refusal(folder)
     read_image(folder, frame=1)
     message = refusal(folder, frame=2)
     assert message.startswith("Frame 2 of the DICOM series in ")

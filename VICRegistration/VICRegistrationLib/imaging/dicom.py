@@ -151,7 +151,9 @@ def _headers(folder: Path) -> tuple[dict[str, Header], list[str]]:
             if is_dicom(path) or not path.stat().st_size:
                 damaged.append(path.name)
             continue
-        if header.get(_SERIES) and header.get(_SOP_CLASS) not in _SEGMENTATIONS:
+        if not header.get(_SERIES):
+            damaged.append(f"{path.name} (no SeriesInstanceUID)")
+        elif header.get(_SOP_CLASS) not in _SEGMENTATIONS:
             found[str(path)] = header
     return found, damaged
 

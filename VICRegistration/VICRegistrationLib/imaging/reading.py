@@ -302,7 +302,10 @@ def _to_sitk(image):
 
 def _check_written(path, volume):
     """Read the file back: some of ITK's writers do not notice that the disk is full."""
-    written = sitk.ReadImage(str(path))
+    msg = "the file is not complete"
+    try:
+        written = sitk.ReadImage(str(path))
+    except RuntimeError:
+        raise OSError(msg) from None
     if not np.array_equal(sitk.GetArrayViewFromImage(written), sitk.GetArrayViewFromImage(volume)):
-        msg = "the file is not complete"
         raise OSError(msg)

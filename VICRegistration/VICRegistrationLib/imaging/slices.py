@@ -164,7 +164,7 @@ def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], s
             "series, or positions that were removed. A volume needs several places; choose another series."
         )
         raise ValueError(msg)
-    count = f"{most} images at each of its {len(places)} places"
+    count = f"{'up to ' * (min(map(len, places)) < most)}{most} images at each of its {len(places)} places"
     key = _telling(places, most)
     if key:
         values = sorted({_value(each, key) for each in slices})
