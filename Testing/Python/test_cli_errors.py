@@ -167,6 +167,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--organ", ".."], ["--organ", "file name"]),
         (["--organ", ""], ["--organ", "is empty"]),
         (["--organ", "report"], ["--organ", "choose another"]),
+        (["--organ", "Model"], ["--organ", "choose another"]),
         (["--organ", "x" * 300], ["--organ", "at most 100"]),
         (["--organ", "膀" * 90], ["--organ", "270 bytes", "room for 239"]),
         (["--organ", "con"], ["--organ", "device on Windows"]),

@@ -10,8 +10,8 @@ _FORBIDDEN = '<>:"/\\|?*'
 _LONGEST_NAME = 100
 # Of file systems, in bytes; the longest ending of an organ's files is _convergence.csv.
 _LONGEST_FILE_NAME, _LONGEST_ENDING = 255, len("_convergence.csv")
-# report.json, overview.png and organs.step are written beside the organs' files.
-_RESERVED = ("report", "overview", "organs")
+# report.json, overview.png, organs.step and model.json are written beside the organs' files.
+_RESERVED = ("report", "overview", "organs", "model")
 # Windows takes these for devices, whatever the ending.
 _DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10)))
 
