@@ -309,6 +309,9 @@ def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
     assert largest.diagnostics == largest.notes == ()
     assert depth(largest.reference, [8.0, 8.0, 8.0]) == pytest.approx(-4.5, abs=1e-6)
     assert depth(largest.reference, [17.0, 17.0, 17.0]) > 3.0
+    array[15:19, 15:19, 15:19] = 2
+    write_image(Image(array, np.eye(4)), path)
+    assert [found.code for found in read_reference(path, largest=True).diagnostics] == ["segmentation_in_pieces"]
 
 
 def test_a_surface_is_read_as_it_is(surface, tmp_path):

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import ball_reach, dilate, erode, fill_holes
-from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.imaging.region import region_from_label, region_from_mask
 from VICRegistrationLib.segmentation.edge_support import agreement
 from VICRegistrationLib.segmentation.growing import grown_region
 from VICRegistrationLib.segmentation.separation import separate
@@ -244,6 +244,22 @@ def test_a_given_mask_becomes_a_region(image):
     assert region.offset == (4, 9, 29)
     assert region.mask.shape == (6, 12, 14)
     assert region.threshold is None
+    assert region.diagnostics == ()
+
+
+@pytest.mark.parametrize("from_label", [True, False])
+def test_what_an_empty_slice_cuts_off_is_reported(image, from_label):
+    mask = np.zeros(image.array.shape, dtype=np.uint8)
+    mask[3:9, 10:20, 30:40] = 1
+    mask[6] = 0
+    if from_label:
+        region = region_from_label(image, Image(mask, image.ijk_to_ras))
+    else:
+        region = region_from_mask(image, mask, largest_component=True)
+    (found,) = region.diagnostics
+    assert (found.code, found.values["count"]) == ("segmentation_in_pieces", 2)
+    assert found.values["left_out"] == pytest.approx(0.4)
+    assert "2 pieces; the largest was taken, and 40% of its voxels were left out" in found.sentence()
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_distances_are_not_invented(tmp_path, write, name, lines, words):
         (nrrd, "a.nrrd", [VECTORS, "space: LPS"], None, "directions, an origin or units above its space"),
         (nrrd, "a.nrrd", ["space: LPS", "space directions: (1,0,0) (1,0,0) (0,0,3)"], None, "axes have one direction"),
         (nrrd, "a.nhdr", ["space: LPS", VECTORS, "data file: gone.raw"], None, "gone.raw, is not beside it"),
-        (nrrd, "a.nrrd", ["space: LPS", VECTORS, "encoding: bzip2"], None, "compressed by bzip2, which ITK cannot read"),
+        (nrrd, "a.nrrd", ["space: LPS", VECTORS, "encoding: bzip2"], None, "compressed by bzip2, which ITK cannot"),
     ],
 )
 def test_why_a_file_cannot_be_read_is_reported(tmp_path, write, name, lines, keep, words):

@@ -37,6 +37,10 @@ SENTENCES = {
         "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml; "
         "that of {taken_ml:.1f} ml was taken, because the image supports it better. Look at the contour."
     ),
+    "segmentation_in_pieces": _(
+        "The segmentation has {count} pieces; the largest was taken, and {left_out:.0%} of its voxels were left out. "
+        "If they belong to the organ, fill the slices between the pieces; look at the contour."
+    ),
     # Why a surface is no valid solid.
     "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "rim": _("The surface has a rim at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),

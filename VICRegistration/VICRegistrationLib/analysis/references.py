@@ -122,11 +122,13 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
     notes: list[str] = []
     mask, segment = read_label(path, label, organ=organ, warn=notes.append)
     region = region_from_mask(mask, mask.array, largest_component=largest)
+    pieces_found = region.diagnostics
     if largest:
         region = replace(region, mask=fill_holes(region.mask))
-    stray = () if largest else _about_pieces(ndimage.label(region.mask)[1], f"{path}, label {segment}")
+    else:
+        pieces_found = _about_pieces(ndimage.label(region.mask)[1], f"{path}, label {segment}")
     center = mask.to_ras([(mask.size - 1) / 2.0])[0]
-    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), stray, tuple(notes), center)
+    return ReadReference(mesh_of_mask(region.image), "label image", str(segment), pieces_found, tuple(notes), center)
 
 
 def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:

@@ -277,8 +277,8 @@ def _reason(error: Exception) -> str:
 
 def _not_decoded(name: str, error: Exception) -> str:
     return (
-        f"The frames of {name} cannot be decoded ({_reason(error)}); copy it again, or, if it is compressed, decompress "
-        "it, for example with gdcmconv --raw, or install the package python-gdcm."
+        f"The frames of {name} cannot be decoded ({_reason(error)}); copy it again, or, if it is compressed, "
+        "decompress it, for example with gdcmconv --raw, or install the package python-gdcm."
     )
 
 
