@@ -20,7 +20,8 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs
 SETTINGS = {
     "README.md": "95 %; slices of 4 and 1 mm; licence 2.0; Slicer 5.8",
     "docs/architecture.md": "slices of 50 ms of the event loop",
-    "docs/changes.md": "common volume 1 %, 0.3 mm; no edge 4 %; labels 0.001, pieces 0.5 %; tau 0.01, erosion and others 20 mm",
+    "docs/changes.md": "common volume 1 %, 0.3 mm; no edge 4 %; labels 0.001, pieces 0.5 %; "
+    "tau 0.01, erosion and others 20 mm",
     "docs/command-line.md": "exit codes 130, 143, 141; seeds 4 mm; triangles 0.05 mm; no edge 4 %; cost 0.3 %; "
     "standard error 0.005; volumes 0.001; Jacobians of 1 and 0",
     "docs/development.md": "pictures of 250 kB",
