@@ -8,7 +8,7 @@ from scipy import sparse
 
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.bending import bending_matrix
-from VICRegistrationLib.registration.banded import BandedMatrix
+from VICRegistrationLib.registration.banded_matrix import BandedMatrix
 from VICRegistrationLib.registration.nets import sampled
 
 AXES = np.array([[15.0, 2.0, 0.0], [-1.5, 11.0, 1.0], [0.0, 2.5, 30.0]])

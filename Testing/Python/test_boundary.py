@@ -13,7 +13,7 @@ from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.models import bell, closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.meshing.sizes import curvatures
-from VICRegistrationLib.registration.boundary import boundary_deviations, checked_boundary_points
+from VICRegistrationLib.registration.boundary_points import boundary_deviations, checked_boundary_points
 from VICRegistrationLib.registration.nets import closure_of, net_of, refined
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_organ, fit_region

@@ -9,7 +9,7 @@ from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.projection import closest_points
-from VICRegistrationLib.registration.boundary import boundary_deviations
+from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.refit import refit
 from VICRegistrationLib.registration.steps import finish

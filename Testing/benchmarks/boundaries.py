@@ -13,7 +13,7 @@ from VICRegistrationLib.geometry.surface import BSplineSurface
 from VICRegistrationLib.imaging.boxes import ball_radius
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
-from VICRegistrationLib.registration.boundary import boundary_deviations
+from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.refit import refit

@@ -9,7 +9,7 @@ from measuring import table
 from VICRegistrationLib.analysis.distances import mesh_of_mask, points_on
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.validity import check_surface
-from VICRegistrationLib.registration.boundary import boundary_deviations
+from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from .. import __version__
 from ..file_names import folder_name, organ_name
-from ..registration.option import Option
+from ..registration.option_row import Option
 from ..registration.options import OPTIONS, FitOptions
 from . import (
     PROGRAM,

@@ -18,7 +18,7 @@ from ..geometry.surface_file import read_surface
 from ..imaging.image import Image, beginning_at
 from ..imaging.region import Region, region_from_crop
 from ..messages import Diagnostic
-from ..registration.boundary import boundary_deviations
+from ..registration.boundary_points import boundary_deviations
 from ..registration.choices import Choice
 from ..registration.diagnostics import border_sides, fit_diagnostics
 from ..registration.nets import net_text

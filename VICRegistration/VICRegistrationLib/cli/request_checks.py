@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..imaging.image import Image
-from ..registration.boundary import LARGEST_DISTANCE_MM
+from ..registration.boundary_points import LARGEST_DISTANCE_MM
 from .configuration import OrganRequest
 
 

@@ -111,7 +111,7 @@ def boundaryDeviations(organ, volumeNode):
     """
     import numpy as np
 
-    from ..registration.boundary import boundary_deviations
+    from ..registration.boundary_points import boundary_deviations
 
     if organ.surface is None or volumeNode is None:
         return np.empty(0)

@@ -25,7 +25,7 @@ from ..imaging.image import Image
 from ..imaging.moments import moments
 from ..imaging.region import Region
 from ..messages import Diagnostic
-from ..registration.boundary import checked_boundary_points
+from ..registration.boundary_points import checked_boundary_points
 from ..registration.choices import Choice, choose_by
 from ..registration.drift_limit import within_drift_limit
 from ..registration.joint_stacks import JointStacks

@@ -1,1 +1,1 @@
-"""Fitting of surfaces to images: intensity profile, virtual image, solvers and the organ recipe."""
+"""Fitting of surfaces to images: virtual image, cost, solvers, stages, and how an organ is fitted by them."""

@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, patient_side
-from .banded import BandedMatrix
+from .banded_matrix import BandedMatrix
 from .cost import Correlation
 from .joint_stacks import with_stacks
 from .nets import sampled

@@ -27,7 +27,7 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
-from .boundary import check_distances
+from .boundary_points import check_distances
 from .cost import Correlation, Objective
 from .joint_stacks import with_stacks
 from .nets import refined, sampled

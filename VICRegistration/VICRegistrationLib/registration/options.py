@@ -10,7 +10,7 @@ import copy
 from dataclasses import dataclass, field, fields
 
 from ..messages import marked as _
-from .option import Option
+from .option_row import Option
 
 # The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
 TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0

@@ -32,7 +32,7 @@ from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..segmentation.checks import check_scale
 from ..segmentation.separation import separate
-from .boundary import checked_boundary_points
+from .boundary_points import checked_boundary_points
 from .choices import Choice, choose_by
 from .completion import completed_region
 from .correction import correct

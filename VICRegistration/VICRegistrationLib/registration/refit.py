@@ -11,7 +11,7 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image, as_image
 from ..imaging.region import Region
-from .boundary import checked_boundary_points
+from .boundary_points import checked_boundary_points
 from .choices import choose_beside, choose_by
 from .joint_stacks import JointStacks
 from .nets import closure_of, net_of, sampled

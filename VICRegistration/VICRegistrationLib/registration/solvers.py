@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, sparse
 
-from .banded import BandedMatrix
+from .banded_matrix import BandedMatrix
 from .cost import Objective, Samples
 from .sample_grid import Frame
 

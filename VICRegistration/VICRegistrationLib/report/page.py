@@ -13,7 +13,7 @@ import numpy as np
 from ..analysis.distances import Deviation
 from ..imaging.image import Image, patient_side
 from ..messages import sentences
-from ..registration.boundary import boundary_deviations
+from ..registration.boundary_points import boundary_deviations
 from ..registration.confidence import Confidence
 from ..registration.nets import net_text
 from ..registration.organ_fit import OrganFit

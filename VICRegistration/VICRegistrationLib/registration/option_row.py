@@ -1,4 +1,4 @@
-"""One option of a fit: what it is called, what it does, and which values it takes."""
+"""A row of the table of options: what an option of a fit is called, what it does, and which values it takes."""
 
 from __future__ import annotations
 
