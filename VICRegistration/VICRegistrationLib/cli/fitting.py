@@ -100,7 +100,7 @@ def fit_to_folder(
     stacks = further_stacks(requests, say, warn)
     organs = _fitted_organs(image, requests, stacks, failed, say, keep_going=on_failure is not None)
     for organ in organs:
-        tell_warnings(organ, image, warn, step=step)
+        tell_outcome(organ, image, say, warn, step=step)
     for name, sentence in failed.items():
         on_failure(name, sentence)
     run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
@@ -156,12 +156,15 @@ def loaded_image(
     return image, record, seconds
 
 
-def tell_warnings(organ: FittedOrgan, image: Image, warn: Callable[[str], None], *, step: bool) -> None:
-    """Say what is to be looked at in an organ's fit."""
+def tell_outcome(
+    organ: FittedOrgan, image: Image, say: Callable[[str], None], warn: Callable[[str], None], *, step: bool
+) -> None:
+    """Say what came of an organ's fit, and what is to be looked at."""
     diagnostics = fit_diagnostics(image, organ.fit)
+    word = verdict_of(organ.fit, diagnostics).word
+    say(f"{organ.name}: {organ.fit.surface.volume() / 1000.0:.1f} ml, verdict {word}")
     for diagnostic in diagnostics:
         warn(f"{organ.name}: warning: {diagnostic.sentence()}")
-    word = verdict_of(organ.fit, diagnostics).word
     if word != GOOD:
         warn(f"{organ.name}: warning: the verdict on the surface is {word}")
     if step and organ.fit.problems:

@@ -27,7 +27,7 @@ from .fitting import (
     loaded_image,
     separated_organ,
     tell_motions,
-    tell_warnings,
+    tell_outcome,
 )
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
     stacks = further_stacks(requests, say, warn)
     fit, organs = _fitted(image, model, requests, landmarks, stacks, say)
     for organ in organs:
-        tell_warnings(organ, image, warn, step=False)
+        tell_outcome(organ, image, say, warn, step=False)
     for diagnostic in fit.diagnostics:
         warn(f"model: {diagnostic.sentence()}")
     results = ModelResults(fit, str(options.model))
