@@ -9,7 +9,7 @@ from reorientation import ORIENTATIONS, reordered
 from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.morphology import ball_reach, dilate, erode, fill_holes
+from VICRegistrationLib.imaging.morphology import ball_reach, boundary_voxels, dilate, erode, fill_holes
 from VICRegistrationLib.imaging.region import region_from_label, region_from_mask
 from VICRegistrationLib.segmentation.edge_support import agreement
 from VICRegistrationLib.segmentation.growing import grown_region
@@ -57,6 +57,11 @@ def test_dilation_and_erosion_use_the_ball_in_mm(spacing, radius):
     np.testing.assert_array_equal(dilate(sparse, spacing, radius), expected)
     expected = ndimage.binary_erosion(~sparse, ball, border_value=1)
     np.testing.assert_array_equal(erode(~sparse, spacing, radius), expected)
+
+
+def test_boundary_voxels_have_a_face_outside_or_at_the_border():
+    mask = np.random.default_rng(3).random((6, 7, 8)) < 0.8
+    np.testing.assert_array_equal(boundary_voxels(mask), np.argwhere(mask & ~ndimage.binary_erosion(mask)))
 
 
 def test_a_radius_below_the_slice_distance_stays_in_the_slice():

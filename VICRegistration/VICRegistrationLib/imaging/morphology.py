@@ -1,4 +1,4 @@
-"""Erosion, dilation, holes and components of voxel masks, with lengths in millimetres."""
+"""Erosion, dilation, holes and boundaries of voxel masks, with lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -83,6 +83,26 @@ def fill_holes(mask) -> np.ndarray:
             open_to_border[labels.take(end, axis=axis).ravel()] = True
     open_to_border[0] = False
     return ~open_to_border[labels]
+
+
+def boundary_voxels(mask) -> np.ndarray:
+    """Find the voxels of a mask that have a face on its outside, or on the array's border.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (nk, nj, ni)
+
+    Returns
+    -------
+    ndarray of int, shape (n, 3)
+        Their indices (k, j, i).
+    """
+    padded = np.pad(mask, 1)
+    inner = padded[1:-1, 1:-1, 1:-1].copy()
+    for axis in range(3):
+        for end in (slice(None, -2), slice(2, None)):
+            inner &= padded[tuple(end if a == axis else slice(1, -1) for a in range(3))]
+    return np.argwhere(mask & ~inner)
 
 
 def ball_reach(spacing, radius_mm: float) -> np.ndarray:

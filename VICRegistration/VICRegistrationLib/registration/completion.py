@@ -11,6 +11,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, Delaunay
 
 from ..imaging.image import Image, beginning_at
+from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..imaging.resampling import resampled
 from ..segmentation.separation import separate
@@ -113,7 +114,7 @@ def _bridged(whole: np.ndarray, unseen: np.ndarray) -> np.ndarray:
 
     Where stacks end at different places, the region has steps that the organ has not.
     """
-    rim = np.argwhere(whole & ~ndimage.binary_erosion(whole))
+    rim = boundary_voxels(whole)
     places = np.argwhere(unseen & ~whole)
     bridged = np.zeros_like(whole)
     if len(places):

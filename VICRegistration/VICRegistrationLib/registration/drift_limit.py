@@ -10,13 +10,13 @@ from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
 from ..imaging.image import patient_side
+from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..messages import Diagnostic
 from .choices import Choice
@@ -167,8 +167,7 @@ def left_out(surface: BSplineSurface, region: Region) -> tuple[float, str]:
     """
     u, v = surface.midpoints(*_DENSE_SAMPLES)
     points, normals = surface.points(u, v), surface.normals(u, v)
-    rim = region.mask & ~ndimage.binary_erosion(region.mask)
-    voxels = region.image.to_ras(np.argwhere(rim)[:, ::-1])
+    voxels = region.image.to_ras(boundary_voxels(region.mask)[:, ::-1])
     distances, nearest = cKDTree(points).query(voxels)
     outside = np.einsum("nk,nk->n", voxels - points[nearest], normals[nearest]) > 0.0
     reach = np.where(outside, distances, 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..imaging.image import Image
+from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .star_surface import STEP_SHARE, Star, blurred
@@ -37,7 +38,7 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     float
         Without what the border of the volume cuts; 0 where it cuts everything.
     """
-    voxels = _boundary(region.mask)
+    voxels = boundary_voxels(region.mask)
     voxels = voxels[:: -(-len(voxels) // _MOST_PLACES)]
     normals = _normals(region, voxels)
     places = region.image.to_ras(voxels[:, ::-1].astype(float))
@@ -93,16 +94,6 @@ def agreement(first: Region, second: Region) -> float:
 def _margin(image: Image) -> np.ndarray:
     """Voxels (k, j, i) that are looked at around a region."""
     return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
-
-
-def _boundary(mask: np.ndarray) -> np.ndarray:
-    """Voxels of a mask with a face on its outside, (n, 3) (k, j, i)."""
-    padded = np.pad(mask, 1)
-    inner = padded[1:-1, 1:-1, 1:-1].copy()
-    for axis in range(3):
-        for end in (slice(None, -2), slice(2, None)):
-            inner &= padded[tuple(end if a == axis else slice(1, -1) for a in range(3))]
-    return np.argwhere(mask & ~inner)
 
 
 def _normals(region: Region, voxels: np.ndarray) -> np.ndarray:
