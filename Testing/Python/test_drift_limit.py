@@ -14,6 +14,7 @@ from VICRegistrationLib.registration.drift_limit import drift
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.region_image import RegionImage
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.registration.verdict import verdict_of
 
 
 def drifted(surface):
@@ -74,6 +75,7 @@ def test_an_image_of_nothing_but_tissue_does_not_tear_a_surface_apart():
     assert reach.min() > 0.3
     assert reach.max() < 1.7
     assert held_closer(fit)
+    assert "held_closer" in {reason.code for reason in verdict_of(fit, ()).reasons}
     assert fit.confidence.unsupported_share > 0.3
 
 

@@ -18,6 +18,7 @@ from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.region_image import region_image
 from VICRegistrationLib.registration.region_surface import closed_surface
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.registration.verdict import verdict_of
 
 HALF = 30
 
@@ -74,3 +75,4 @@ def test_a_fit_that_would_end_folded_ends_with_it_and_says_so(hook, monkeypatch)
     assert fit.history[-1].stage == "closed surface of the region kept"
     held = [choice for choice in fit.choices if choice.option == "drift limit"][-1]
     assert [reason.code for reason in held.reasons] == ["no_valid_solid", "surface_kept"]
+    assert verdict_of(fit, ()).word == "poor"

@@ -33,10 +33,10 @@ def test_the_worst_reason_comes_first():
 
 
 def test_what_was_kept_of_a_fit_counts():
-    tighter = Choice("hold", "10 times tighter", (Diagnostic("held_tighter", {"net": "9x7", "factor": 10.0}),))
+    closer = Choice("drift limit", "10 times closer", (Diagnostic("held_closer", {"net": "9x7", "factor": 10.0}),))
     kept = Diagnostic("surface_kept", {"net": "9x7", "kept": "closed surface of the region"})
-    assert judged(choices=[tighter]) == ("check", ["held_tighter"])
-    assert judged(choices=[tighter, Choice("hold", "kept", (kept,))])[0] == "poor"
+    assert judged(choices=[closer]) == ("check", ["held_closer"])
+    assert judged(choices=[closer, Choice("drift limit", "kept", (kept,))])[0] == "poor"
 
 
 def test_it_is_in_the_report_and_strict_ends_with_3(tmp_path, capsys):

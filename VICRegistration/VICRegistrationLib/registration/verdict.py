@@ -15,7 +15,7 @@ GOOD, CHECK, POOR = VERDICTS = ("good", "check", "poor")
 _CHECK_SHARE, _POOR_SHARE = 0.28, 0.65
 _CHECKED = (
     *("starts_differ", "region_larger_than_seen", "no_further_step", "still_moving", "part_left_out"),
-    *("held_tighter", "surface_kept", "segmentation_in_pieces"),
+    *("held_closer", "surface_kept", "segmentation_in_pieces"),
 )
 _POOR = ("invalid_surface", "no_clear_edge", "volume_differs")
 _SHARES = ("no_edge_in_places", "no_edge_at_side")
@@ -50,9 +50,8 @@ def verdict_of(fit: OrganFit, diagnostics: Sequence[Diagnostic]) -> Verdict:
     -------
     Verdict
     """
-    held = [reason for choice in fit.choices if choice.option == "hold" for reason in choice.reasons]
     found = {POOR: [], CHECK: []}
-    for diagnostic in (*diagnostics, *held):
+    for diagnostic in (*diagnostics, *(reason for choice in fit.choices for reason in choice.reasons)):
         word = _severity(diagnostic)
         if word != GOOD:
             found[word].append(diagnostic)
