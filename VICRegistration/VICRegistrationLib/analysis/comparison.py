@@ -75,7 +75,6 @@ def compare(
     *,
     n_points: int = 10_000,
     tolerances: Sequence[float] = (0.5, 1.0, 2.0),
-    seed: int = 0,
 ) -> Comparison:
     """Compare a fitted surface with a reference.
 
@@ -89,8 +88,6 @@ def compare(
         Number of points of each surface, spread evenly over its area.
     tolerances : sequence of float
         Of the surface Dice, mm.
-    seed : int
-        Of the random numbers that place the points.
 
     Returns
     -------
@@ -110,8 +107,8 @@ def compare(
     """
     _check_tolerances(tolerances)
     surface, reference = _outward(surface), _sound(reference)
-    to_surface = signed_to_surface(surface, reference, n_points, seed=seed)
-    to_reference = _distances(reference, points_on(surface, n_points, seed=seed))
+    to_surface = signed_to_surface(surface, reference, n_points)
+    to_reference = _distances(reference, points_on(surface, n_points))
     areas = surface.area(tolerance=1e-4), _area(reference)
     shares = [
         np.average([np.mean(np.abs(way) <= tolerance) for way in (to_reference, to_surface)], weights=areas)

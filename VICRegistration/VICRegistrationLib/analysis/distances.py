@@ -104,7 +104,7 @@ class ReferenceMesh:
 Reference = Union[BSplineSurface, TriangleMesh, ReferenceMesh]
 
 
-def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 10_000, seed: int = 0) -> Deviation:
+def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 10_000) -> Deviation:
     """Measure a fitted surface against a reference.
 
     Parameters
@@ -115,8 +115,6 @@ def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 1
         RAS mm.
     n_points : int
         Number of points of the reference, spread evenly over its area.
-    seed : int
-        Seed of the random numbers that place them.
 
     Returns
     -------
@@ -131,15 +129,15 @@ def deviation(fitted: BSplineSurface, reference: Reference, *, n_points: int = 1
     -----
     From each point of the reference to the closest point of the exact fitted surface, not of its triangles.
     """
-    return Deviation.of(signed_to_surface(fitted, reference, n_points, seed=seed))
+    return Deviation.of(signed_to_surface(fitted, reference, n_points))
 
 
-def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarray:
+def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: int) -> np.ndarray:
     """Signed distances from points of a reference to the exact fitted surface.
 
     Parameters
     ----------
-    fitted, reference, n_points, seed
+    fitted, reference, n_points
         As for :func:`deviation`.
 
     Returns
@@ -156,10 +154,10 @@ def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: in
         msg = f"{n_points} points were asked for; give at least one to measure at."
         raise ValueError(msg)
     # A reference point on the outer side of the fitted surface means that the fitted surface lies inside.
-    return -closest_points(fitted, points_on(reference, n_points, seed=seed)).distances
+    return -closest_points(fitted, points_on(reference, n_points)).distances
 
 
-def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarray:
+def points_on(reference: Reference, n_points: int) -> np.ndarray:
     """Points spread evenly over the area of a reference.
 
     Parameters
@@ -167,20 +165,18 @@ def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarr
     reference : BSplineSurface, TriangleMesh or ReferenceMesh
         RAS mm.
     n_points : int
-    seed : int
-        The same seed gives the same points.
 
     Returns
     -------
     (n_points, 3) ndarray
-        RAS mm.
+        RAS mm; the same for the same reference.
 
     Raises
     ------
     ValueError
         If the reference has no area.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     if isinstance(reference, BSplineSurface):
         return _points_on_surface(reference, n_points, random)
     points, triangles = np.asarray(reference.points, dtype=float), np.asarray(reference.triangles)
@@ -192,15 +188,14 @@ def points_on(reference: Reference, n_points: int, *, seed: int = 0) -> np.ndarr
     return corner + a * (first - corner) + b * (second - corner)
 
 
-def mesh_of_mask(mask: Image, *, level: float = 0.5) -> ReferenceMesh:
+def mesh_of_mask(mask: Image) -> ReferenceMesh:
     """Surface of a label image, for measuring against a segmentation.
 
     Parameters
     ----------
     mask : Image
-        Voxels of the organ are 1, others 0; fractions are welcome. The grid may be oblique and left-handed.
-    level : float
-        Value at the surface.
+        Voxels of the organ are 1, others 0; the surface lies where fractions are a half. The grid may be
+        oblique and left-handed.
 
     Returns
     -------
@@ -211,22 +206,22 @@ def mesh_of_mask(mask: Image, *, level: float = 0.5) -> ReferenceMesh:
     Raises
     ------
     ValueError
-        If no voxel reaches the level.
+        If no voxel is more than a half.
 
     Notes
     -----
     Flying edges (Schroeder, Maynard, Geveci, 2015) on the grid's indices, whose points are then taken to the world.
     """
     array = np.pad(np.asarray(mask.array, dtype=np.float32), 1)
-    if not array.max() > level:
-        msg = f"No voxel of the mask is above {level:g}; a reference needs an organ, choose another label."
+    if not array.max() > 0.5:
+        msg = "No voxel of the mask is above 0.5; a reference needs an organ, choose another label."
         raise ValueError(msg)
     volume = vtkImageData()
     volume.SetDimensions(*array.shape[::-1])
     volume.GetPointData().SetScalars(numpy_to_vtk(array.ravel(), deep=True))
     contour = vtkFlyingEdges3D()
     contour.SetInputData(volume)
-    contour.SetValue(0, level)
+    contour.SetValue(0, 0.5)
     contour.ComputeNormalsOff()
     contour.ComputeGradientsOff()
     contour.ComputeScalarsOff()

@@ -12,6 +12,12 @@ from .surface import BSplineSurface
 
 # The samples are cut into so many blocks in u and v; each may offer a start of its own.
 _BLOCKS = (4, 3)
+# Least number of samples in u and in v from which the closest one is the start; every span gets at least four each way.
+_SAMPLES = (80, 50)
+# How many more parts of the surface are tried where they may be closer than that of the first start.
+_STARTS = 4
+# Bound on the Newton steps of one point; the best point found is kept.
+_MOST_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +39,7 @@ class Projection:
     distances: np.ndarray
 
 
-def closest_points(
-    surface: BSplineSurface,
-    points: np.ndarray,
-    *,
-    samples: tuple[int, int] = (80, 50),
-    starts: int = 4,
-    max_iterations: int = 60,
-) -> Projection:
+def closest_points(surface: BSplineSurface, points: np.ndarray) -> Projection:
     """Closest point of a surface for each of many points.
 
     Parameters
@@ -49,13 +48,6 @@ def closest_points(
         Open or closed; on an open surface the closest point may lie on its rim.
     points : (n, 3) array_like
         RAS mm.
-    samples : (n_u, n_v)
-        Least number of samples in u and in v, from which the closest one is the start; every knot span gets
-        at least four in each direction.
-    starts : int
-        How many more parts of the surface are tried where they may be closer than that of the first start.
-    max_iterations : int
-        Bound on the Newton steps of one point; the best point found is kept.
 
     Returns
     -------
@@ -64,7 +56,7 @@ def closest_points(
     Raises
     ------
     ValueError
-        If the points are not (n, 3) finite numbers, or an option is too small.
+        If the points are not (n, 3) finite numbers.
 
     Notes
     -----
@@ -76,15 +68,9 @@ def closest_points(
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         msg = f"Points of shape {points.shape} were given; (n, 3) finite RAS coordinates in mm are needed."
         raise ValueError(msg)
-    if min(samples) < 1 or starts < 0 or max_iterations < 1:
-        msg = (
-            f"{samples[0]} x {samples[1]} samples, {starts} further starts and {max_iterations} iterations "
-            "were asked for; give at least 1 x 1, 0 and 1."
-        )
-        raise ValueError(msg)
     if not len(points):
         return Projection(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
-    parameters = _closest_parameters(surface, points, _Samples.of(surface, samples), starts, max_iterations)
+    parameters = _closest_parameters(surface, points, _Samples.of(surface))
     feet = surface.points(*parameters.T)
     offset = points - feet
     outside = np.einsum("nk,nk->n", offset, surface.normals(*parameters.T)) >= 0.0
@@ -92,19 +78,16 @@ def closest_points(
     return Projection(parameters, feet, np.where(outside, distances, -distances))
 
 
-def _closest_parameters(
-    surface: BSplineSurface, points: np.ndarray, known: _Samples, starts: int, max_iterations: int
-) -> np.ndarray:
+def _closest_parameters(surface: BSplineSurface, points: np.ndarray, known: _Samples) -> np.ndarray:
     """Find the parameters of the closest points, (n, 2), from the closest sample and from further starts."""
     _, nearest = cKDTree(known.points).query(points)
-    parameters, squared = _descend(surface, points, known.parameters[nearest], max_iterations)
-    if starts:
-        owner, start = _further_starts(known, points, np.sqrt(squared), known.block[nearest], starts)
-        other, other_squared = _descend(surface, points[owner], start, max_iterations)
-        # From far to near, so that the best of several starts is written last.
-        order = np.argsort(-other_squared, kind="stable")
-        order = order[other_squared[order] < squared[owner[order]]]
-        parameters[owner[order]] = other[order]
+    parameters, squared = _descend(surface, points, known.parameters[nearest])
+    owner, start = _further_starts(known, points, np.sqrt(squared), known.block[nearest])
+    other, other_squared = _descend(surface, points[owner], start)
+    # From far to near, so that the best of several starts is written last.
+    order = np.argsort(-other_squared, kind="stable")
+    order = order[other_squared[order] < squared[owner[order]]]
+    parameters[owner[order]] = other[order]
     return parameters
 
 
@@ -121,8 +104,8 @@ class _Samples:
     spacing: float
 
     @classmethod
-    def of(cls, surface: BSplineSurface, least: tuple[int, int]) -> _Samples:
-        axes = [surface.span_steps(axis, per_span=4, least=number) for axis, number in enumerate(least)]
+    def of(cls, surface: BSplineSurface) -> _Samples:
+        axes = [surface.span_steps(axis, per_span=4, least=number) for axis, number in enumerate(_SAMPLES)]
         grid = surface.grid(*axes)
         steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).max() for axis in (0, 1)]
         rows, columns = (len(axis) for axis in axes)
@@ -141,7 +124,7 @@ class _Samples:
         )
 
 
-def _further_starts(samples: _Samples, points, distances, first_block, starts):
+def _further_starts(samples: _Samples, points, distances, first_block):
     """Find starts in other blocks that may hold a closer point: indices of points, parameters (m, 2)."""
     n_blocks = _BLOCKS[0] * _BLOCKS[1]
     reach = distances + samples.spacing
@@ -158,7 +141,7 @@ def _further_starts(samples: _Samples, points, distances, first_block, starts):
         block_distances[asked, block] = found
         block_starts[asked, block] = members[index]
     block_distances[block_distances > reach[:, None]] = np.inf
-    order = np.argsort(block_distances, axis=1)[:, :starts]
+    order = np.argsort(block_distances, axis=1)[:, :_STARTS]
     owner, rank = np.nonzero(np.isfinite(np.take_along_axis(block_distances, order, axis=1)))
     return owner, samples.parameters[block_starts[owner, order[owner, rank]]]
 
@@ -166,7 +149,7 @@ def _further_starts(samples: _Samples, points, distances, first_block, starts):
 # ------------------------------------------------------------------ Newton iteration
 
 
-def _descend(surface: BSplineSurface, targets, start, max_iterations):
+def _descend(surface: BSplineSurface, targets, start):
     """Damped Newton iteration from given parameters: final parameters (n, 2) and squared distances (n,)."""
     # Of few points none may have another part of the surface near enough to start from.
     if not len(targets):
@@ -178,7 +161,7 @@ def _descend(surface: BSplineSurface, targets, start, max_iterations):
     squared = _squared(local, targets)
     damping = np.zeros(len(targets))
     final = squared.copy()
-    for _ in range(max_iterations):
+    for _ in range(_MOST_STEPS):
         step, length = track.step(result[active], local, targets[active], damping)
         moving = length > track.tolerance
         if not moving.any():

@@ -116,7 +116,7 @@ class BSplineSurface:
         Returns
         -------
         Projection
-            Parameters, points and signed distances, positive outside; :func:`.projection.closest_points` takes options.
+            Parameters, points and signed distances, positive outside.
 
         Raises
         ------

@@ -18,6 +18,10 @@ class End(enum.Enum):
     FAILED = "failed"
 
 
+# Length of a slice of time; a step that takes longer is not interrupted.
+_SLICE_S = 0.05
+
+
 class StepRunner:
     """Takes steps of a generator whenever Qt has time, until it ends or is cancelled.
 
@@ -28,12 +32,10 @@ class StepRunner:
         Called with the newest step after every slice of time: screens cannot show more.
     onEnd : callable
         Called once with an :class:`End` and the generator's result, what is to be said of its failure, or None.
-    budget : float
-        Length of a slice in seconds; a step that takes longer is not interrupted.
     """
 
-    def __init__(self, steps, onStep, onEnd, *, budget=0.05):
-        self._steps, self._onStep, self._onEnd, self._budget = steps, onStep, onEnd, budget
+    def __init__(self, steps, onStep, onEnd):
+        self._steps, self._onStep, self._onEnd = steps, onStep, onEnd
         self._cancelled = False
         self.running = True
         qt.QTimer.singleShot(0, self._slice)
@@ -54,7 +56,7 @@ class StepRunner:
         if self._cancelled:
             self._end(End.CANCELLED, None)
             return
-        end = time.perf_counter() + self._budget
+        end = time.perf_counter() + _SLICE_S
         try:
             step = next(self._steps)
             while time.perf_counter() < end:

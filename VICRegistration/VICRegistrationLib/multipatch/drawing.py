@@ -83,7 +83,6 @@ class Drawing:
         *,
         part: str = "",
         thickness: float = 2.0,
-        sag: Sequence[float] = (0.0, 0.0, 0.0),
         first: np.ndarray | None = None,
         last: np.ndarray | None = None,
         fixed: str = "",
@@ -102,8 +101,6 @@ class Drawing:
             The sheet that it belongs to, which is added if it is new; of the patch's name, if not given.
         thickness : float
             Of the sheet, mm.
-        sag : (3,) array_like
-            How far its middle lies off the straight way, mm.
         first, last : (5,) ndarray of int, optional
             Control points of a neighbour's side, from the border outward, that its first or last side shares.
         fixed : str
@@ -118,7 +115,6 @@ class Drawing:
         s, t = border.positions()[:, None, None], bspline.greville_abscissae(_DEGREE, knots)[:, None]
         begin = np.array([self._points[index] for index in border.indices])[:, None]
         way = (1.0 - t) * begin + t * _through(np.asarray(end, dtype=float), s[:, 0])[:, None]
-        way = way + 4.0 * t * (1.0 - t) * np.asarray(sag)
         for place, share, side in ((0, 1.0 - s, first), (-1, s, last)):
             if side is not None:
                 way = way + share * (np.array([self._points[index] for index in side]) - way[place])

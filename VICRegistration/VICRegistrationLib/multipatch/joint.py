@@ -83,14 +83,12 @@ class JointStep:
         )
 
 
-def spread_centers(surfaces: Mapping[str, BSplineSurface], count: int = CENTERS) -> np.ndarray:
-    """Choose points on every surface as far from each other as can be.
+def spread_centers(surfaces: Mapping[str, BSplineSurface]) -> np.ndarray:
+    """Choose `CENTERS` points on every surface, as far from each other as can be.
 
     Parameters
     ----------
     surfaces : mapping of str to BSplineSurface
-    count : int
-        On each of them.
 
     Returns
     -------
@@ -102,7 +100,7 @@ def spread_centers(surfaces: Mapping[str, BSplineSurface], count: int = CENTERS)
         points = surface.points(*surface.midpoints(*_CANDIDATES))
         away = cdist(points, points.mean(axis=0)[None])[:, 0]
         own = []
-        for _ in range(count):
+        for _ in range(CENTERS):
             own.append(points[away.argmax()])
             nearest = cdist(points, own[-1][None])[:, 0]
             away = nearest if len(own) == 1 else np.minimum(away, nearest)
@@ -117,10 +115,6 @@ class JointSpace:
     ----------
     surfaces : mapping of str to BSplineSurface
         Closed organs as they are placed, RAS mm.
-    radius : float
-        Of Wendland's function, mm.
-    count : int
-        Of centres on each organ.
 
     Attributes
     ----------
@@ -128,10 +122,8 @@ class JointSpace:
         With the same degrees of freedom in all of them.
     """
 
-    def __init__(
-        self, surfaces: Mapping[str, BSplineSurface], *, radius: float = RADIUS_MM, count: int = CENTERS
-    ) -> None:
-        self.deformation = CardinalDeformation(spread_centers(surfaces, count), radius)
+    def __init__(self, surfaces: Mapping[str, BSplineSurface]) -> None:
+        self.deformation = CardinalDeformation(spread_centers(surfaces), RADIUS_MM)
         self.surfaces = {name: self._sampled(surface) for name, surface in surfaces.items()}
 
     def _sampled(self, surface: BSplineSurface) -> SampledSurface:

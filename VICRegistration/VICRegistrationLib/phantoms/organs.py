@@ -185,9 +185,9 @@ def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float
     return mesh.points + thickness * mesh.normals, mesh.triangles
 
 
-def seeds_inside(surface: BSplineSurface, *, number: int = 3) -> np.ndarray:
-    """Points on the centreline of an organ, (number, 3) RAS mm, away from its ends."""
+def seeds_inside(surface: BSplineSurface) -> np.ndarray:
+    """Three points on the centreline of an organ, (3, 3) RAS mm, away from its ends."""
     (u_low, u_high), (v_low, v_high) = surface.domain
     u = np.linspace(u_low, u_high, 64, endpoint=False)
-    v = v_low + (v_high - v_low) * (np.arange(number) + 1.0) / (number + 1.0)
+    v = v_low + (v_high - v_low) * np.array([0.25, 0.5, 0.75])
     return surface.grid(u, v).mean(axis=0)
