@@ -80,9 +80,13 @@ class SceneTest(PanelTestCase):
         slicer.app.processEvents()
         self.assertIsNone(self.ui.volumeSelector.currentNode())
         self.assertFalse(self.ui.addOrganButton.enabled)
+        self.assertIn("Load an MRI", self.ui.fitStatusLabel.text)
         volume = samples.addPhantomVolume()
         waitFor(lambda: self.ui.addOrganButton.enabled)
         self.assertIs(self.ui.volumeSelector.currentNode(), volume)
+        self.assertIn("Press Add organ", self.ui.fitStatusLabel.text)
+        self.add("bladder")
+        self.assertEqual(self.ui.fitStatusLabel.text, "")
 
     def test_aDeletedSegmentIsMissed(self):
         self.add("bladder")

@@ -52,15 +52,16 @@ class FitSection:
         """Whether a fit is under way."""
         return self._runner is not None
 
-    def setOrgan(self, organ):
-        """Show what came of an organ's last fit.
+    def setOrgan(self, organ, volumeNode):
+        """Show what came of an organ's last fit, or what to do first.
 
         Parameters
         ----------
         organ : OrganParameters or None
+        volumeNode : vtkMRMLScalarVolumeNode or None
         """
         if not self.running:
-            self._message.show(organ.message if organ is not None else "")
+            self._message.show((organ.message if organ is not None else "") or _firstStep(organ, volumeNode))
             self._showProgress(100 if organ is not None and organ.surface is not None else 0)
         self._plot(organ)
 
@@ -197,6 +198,13 @@ class _Progress:
             self._stages.append(step.stage)
         within = step.iteration / (step.iteration + 5.0)
         return int(100 * min(len(self._stages) - 1 + within, self._count) / self._count)
+
+
+def _firstStep(organ, volumeNode):
+    """Say why nothing can be pressed, and what to do; empty if something can."""
+    if volumeNode is None:
+        return _("Load an MRI, or choose it in MRI volume above.")
+    return "" if organ is not None else _("Press Add organ above, then click inside the organ in a slice view.")
 
 
 def _plotViewNode():

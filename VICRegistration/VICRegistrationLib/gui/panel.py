@@ -213,7 +213,7 @@ class Panel(VTKObservationMixin):
         self.correctSection.setOrgan(organ, volume)
         self.compareSection.setOrgan(organ, volume)
         self.advancedSection.setOrgan(organ)
-        self.fitSection.setOrgan(organ)
+        self.fitSection.setOrgan(organ, volume)
         self._followOrgan(organ, volume)
         self.refresh()
 
