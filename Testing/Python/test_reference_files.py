@@ -322,6 +322,13 @@ def test_a_surface_is_read_as_it_is(surface, tmp_path):
     np.testing.assert_array_equal(read.reference.control_net, surface.control_net)
 
 
+@pytest.mark.parametrize("name", ["organ.step", "ORGAN.VTU", "organ.glb"])
+def test_shapes_of_other_programs_are_refused(tmp_path, name):
+    (tmp_path / name).write_bytes(b"anything")
+    with pytest.raises(ValueError, match=r"is of a kind that is not read; save it as a closed mesh \(.stl, "):
+        read_reference(tmp_path / name)
+
+
 def test_options_of_other_kinds_are_refused(surface, tmp_path):
     path = tmp_path / "organ.json"
     write_surface(surface, path, name="organ")

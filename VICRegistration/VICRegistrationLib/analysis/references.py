@@ -17,6 +17,12 @@ from ..imaging.region import region_from_mask
 from ..messages import Diagnostic
 from .distances import Reference, ReferenceMesh, closed_mesh, mesh_of_mask, pieces
 
+# Shapes of other programs, which no reader of images knows either.
+_OTHER_SHAPES = (
+    *(".step", ".stp", ".igs", ".iges", ".brep", ".3dm", ".x_t", ".off", ".3mf", ".glb", ".gltf", ".dae", ".fbx"),
+    *(".vtu", ".msh", ".inp", ".med", ".unv", ".bdf", ".gii"),
+)
+
 
 @dataclass(frozen=True, eq=False)
 class ReadReference:
@@ -81,6 +87,9 @@ def read_reference(
         If it holds no reference, it is not clear which label is meant, or an option does not fit the kind of file.
     """
     path = Path(path)
+    if path.suffix.lower() in _OTHER_SHAPES:
+        msg = f"{path} is of a kind that is not read; save it as a closed mesh ({', '.join(READABLE_MESHES)})."
+        raise ValueError(msg)
     kind = _kind(path)
     unfit = {
         "--label": label is not None and kind != "label image",

@@ -71,7 +71,10 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     if not found.GetNumberOfPolys() and path.suffix.lower() == ".stl":
         found = _lenient_stl(path)
     if not found.GetNumberOfPolys():
-        msg = f"The file {path} holds no triangles that can be read; give a closed mesh as a {path.suffix} file."
+        msg = (
+            f"The file {path} holds no triangles that can be read; copy it again, or give a closed mesh as a "
+            f"{path.suffix} file."
+        )
         raise ValueError(msg)
     points, triangles = triangles_in(found)
     return points * (RAS_TO_LPS if (frame or _marked_frame(data, header)) == "LPS" else 1.0), triangles

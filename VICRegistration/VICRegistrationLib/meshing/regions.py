@@ -69,7 +69,8 @@ class MeshOptions:
             msg = f"Elements of order {self.order} were asked for; choose 1 (linear) or 2."
             raise ValueError(msg)
         if len(self.patches) != 2 or any(int(n) != n or not 1 <= n <= _MOST_PATCHES for n in self.patches):
-            msg = f"Patches of {self.patches} were asked for; give two whole numbers from 1 to {_MOST_PATCHES}."
+            found = "x".join(map(str, self.patches))
+            msg = f"Patches of {found} were asked for; give two whole numbers from 1 to {_MOST_PATCHES}, such as 4x3."
             raise ValueError(msg)
         if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
             msg = f"A time limit of {self.time_limit:g} s was given; give a positive number of seconds."
