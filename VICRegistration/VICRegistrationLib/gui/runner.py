@@ -19,7 +19,7 @@ class End(enum.Enum):
 
 
 # Length of a slice of time; a step that takes longer is not interrupted.
-_SLICE_S = 0.05
+SLICE_S = 0.05
 
 
 class StepRunner:
@@ -56,7 +56,7 @@ class StepRunner:
         if self._cancelled:
             self._end(End.CANCELLED, None)
             return
-        end = time.perf_counter() + _SLICE_S
+        end = time.perf_counter() + SLICE_S
         try:
             step = next(self._steps)
             while time.perf_counter() < end:
