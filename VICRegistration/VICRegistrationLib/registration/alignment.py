@@ -86,7 +86,7 @@ class Alignment:
 
     @property
     def sharpness(self) -> np.ndarray:
-        """How sharply each normal line shows the edge, (n,): a voxel that is longer along it knows its place less."""
+        """How exactly each normal line shows the place of the edge, (n,): less where a voxel is longer along it."""
         return self.weights / self.blur**2
 
     def at(self, motion: np.ndarray) -> Alignment:
@@ -197,8 +197,8 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
             break
         center = moved.control_net.reshape(-1, 3).mean(axis=0)
         space = SampledSurface(rigid(moved, center), _grid(surface))
-        # A line across thick slices knows its edge the less, the longer they are; with the square, and without, the
-        # motion of the demo's rectum is wrong by up to 0.6 mm.
+        # The longer a voxel is along a line, the less exactly that shows the place of the edge. With the square of the
+        # length, and without it, the motion of the demo's rectum is wrong by up to 0.6 mm.
         blur = stage.virtual.blur(space.frame(np.zeros(6)).normals)
         correlation = stage.correlation(space, share=known / blur)
         energies = correlation.energies(bending=0.0, sliding=stage.sliding, anchor=0.0)

@@ -30,9 +30,10 @@ _SMOOTHNESS = 1.2
 # error of 0.043 mm with 1, 0.040 with 4, 0.037 with 16, where the bladder's grows. With 1, fine nets ripple at poles.
 _SEVERAL = 6.0
 # Weight against leaving the separated region for a mean squared residual of 1: the less the image looks like an edge,
-# the more the region counts. It grows with the square of that residual, as the image knows the less by it and is the
-# likelier to show something else. Tried 400 to 600, and 10 to 100 without the square, on phantoms and real bladders:
-# less lets the surface stop short of thin grey rims, more cuts corners and lets the terraces.
+# the more the region counts. It grows with the square of that residual: the larger that is, the less exactly the image
+# shows the edge, and the more likely it shows something else. Tried 400 to 600, and 10 to 100 without the square, on
+# phantoms and real bladders: less lets the surface stop short of thin grey rims, more cuts corners and lets the
+# terraces.
 _ANCHOR = 600.0
 # No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
 _CLEAREST = 1.0 / 60.0

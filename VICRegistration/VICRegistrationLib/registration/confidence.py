@@ -180,7 +180,7 @@ def confidence_of(
 
 @dataclass(frozen=True, eq=False)
 class _Support:
-    """What each normal line of a surface says about the edge, (n,) but where stated.
+    """What each normal line of a surface shows of the edge, (n,) but where stated.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ class _Support:
 
 
 def _support(correlation: Correlation) -> _Support:
-    """Find what each normal line says about the edge where the surface begins."""
+    """Measure what each normal line shows of the edge, before the surface moves."""
     samples = correlation.sample(np.zeros(correlation.surface.n_dof))
     frame = samples.frame
     along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)
@@ -246,7 +246,7 @@ def _joint(supports: Sequence[_Support]) -> _Support:
 
 
 def _without_edges_elsewhere(support: _Support, shape: tuple[int, int]) -> _Support:
-    """Take support from where the image looks like no edge at all: all that is seen there is something else."""
+    """Lower the support where the image looks like no edge at all: what is seen there is something else."""
     variance = _smoothed(support.variance, support, shape)
     return replace(support, weight=support.weight * np.clip(1.0 - variance / _NO_EDGE, 0.0, 1.0))
 

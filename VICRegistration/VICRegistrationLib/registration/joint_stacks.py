@@ -242,9 +242,10 @@ class JointStacks:
         self._own = judged(schedule.sampler, surface, np.eye(4), known=known, volumes=schedule.volumes)
 
     def _judge(self, schedule: Schedule, surface: BSplineSurface, number: int, *, measure: bool = False) -> None:
-        """Measure what a stack shows of a surface after its motion; the width of its edge as well, or that from before.
+        """Measure what a stack shows of a surface after its motion.
 
-        It takes as long as the rest.
+        The width of its edge is measured too if `measure` is true, which takes as long as the rest; otherwise the last
+        one is taken.
         """
         stack, before, known = self.stacks[number], self._found[number], self._known(schedule, surface, number)
         sampler, volumes = self._surroundings(number, surface.transformed(before.motion))

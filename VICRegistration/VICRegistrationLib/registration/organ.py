@@ -249,7 +249,7 @@ def _on_grey_levels(
     schedule, coarse = yield from stacks.joined(schedule, start.coarse, space)
     if not schedule.views:
         # One stack alone takes the same way as without those that were left out.
-        schedule = schedule.unpainted()
+        schedule = schedule.without_partial_volumes()
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
     fine = yield from last_step(schedule.fine, space.at(coarse.surface))
     found, limited = yield from within_drift_limit(

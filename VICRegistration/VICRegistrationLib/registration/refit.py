@@ -40,10 +40,10 @@ def refit(
     """Fit a surface again that is there already, step by step.
 
     Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
-    already. With boundary points, they pull the surface in their surroundings, see
-    :mod:`.correction`, and everything else stays where it is: what earlier points did too. Points more than 10 mm off
-    contradict the start, see :mod:`.restart`: if a shape through them is seen in the image, the organ is fitted to that
-    first. To take a point back, start from `OrganFit.uncorrected` with those that are left.
+    already. With boundary points, they pull the surface in their surroundings, see :mod:`.correction`, and everything
+    else stays where it is, what earlier points have moved too. Points more than 10 mm off contradict the start, see
+    :mod:`.restart`: if a shape through them is seen in the image, the organ is fitted to that first. To remove a point,
+    start from `OrganFit.uncorrected` with those that are left.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def refit(
     boundary_points : (n, 3) array_like, optional
         Where the wall is known to be, RAS mm.
     region : Region, optional
-        What the surface was fitted to before; it is only handed on, if the organ is not separated again.
+        What the surface was fitted to before: it becomes that of the result, unless the organ is separated again.
     further : sequence of Stack, Image or path
         More stacks of the patient. `StackUse.stack` begins with the motion that an earlier fit has found.
 

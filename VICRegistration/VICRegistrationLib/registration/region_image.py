@@ -17,7 +17,7 @@ from ..imaging.sampling import Sampler
 # 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise.
 _GRID_VOXELS = 100_000
 _FINER = 2
-# With fewer inside there is no shape to speak of.
+# With fewer inside the shape is not known.
 _LEAST_VOXELS = 8
 
 

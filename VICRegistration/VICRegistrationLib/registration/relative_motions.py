@@ -139,13 +139,13 @@ def _variance(weights: np.ndarray, offsets: np.ndarray, moved: np.ndarray) -> fl
     total = np.maximum(weights.sum(axis=0), 1e-300)
     left = offsets - moved
     left = left - (weights * left).sum(axis=0) / total
-    # How much a line says about differences: little where one stack alone knows it.
+    # How much a line shows of differences: little where one stack alone shows the edge.
     shared = (weights * (1.0 - weights / total)).sum(axis=0)
     return float((weights * left**2).sum() * (shared**2).sum() / max(shared.sum() ** 2, 1e-300))
 
 
 def _weights(found: Alignment, trust: float) -> np.ndarray:
-    """How well a stack knows its edge on each line, (n,), by voxels; 0 where it shows none."""
+    """How exactly each line of a stack shows the place of the edge, (n,), by voxels; 0 where it shows none."""
     if found.view is None:
         return np.zeros_like(found.offsets)
     voxel = found.view.voxel

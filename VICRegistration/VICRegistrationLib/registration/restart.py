@@ -1,6 +1,6 @@
 """A start that boundary points contradict: the organ's shape is looked for again, through the points.
 
-Points that lie far off say that the organ was not separated well: by a threshold that was given, or in an image that
+Points that lie far off show that the organ was not separated well: by a threshold that was given, or in an image that
 shows two shapes. The star-shaped surface of least cost that passes the points needs no threshold and nothing of the
 surface before. A fit to its region takes the place of the first one if it comes near the points, although they do not
 pull it, is no other organ, and differs little where there are none. Then the points correct it, see :mod:`.correction`.

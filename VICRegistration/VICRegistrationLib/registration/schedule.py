@@ -155,8 +155,8 @@ class Schedule:
         anchor = self.anchor if anchor is None else anchor
         return replace(self, options=self.options.filled_in(**options), anchor=anchor)
 
-    def unpainted(self) -> Schedule:
-        """Forget the partial volumes that were computed so far."""
+    def without_partial_volumes(self) -> Schedule:
+        """Leave out the partial volumes that were computed so far: they are computed again."""
         return replace(self, volumes=PartialVolumes(self.sampler.image))
 
     def closer(self, factor: float) -> Schedule:

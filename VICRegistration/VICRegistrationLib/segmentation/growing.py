@@ -73,7 +73,7 @@ def grown_region(image: Image, seeds, *, threshold=None, erosion=None, dilation=
     seeds, edges = edges_around(image, seeds, given)
     limits = given or Limits.along(edges, image)
     voxels = voxels_of(image, seeds)
-    # Automatic limits are levels that the image has: below its lowest one they would be the same voxels, said oddly.
+    # A limit below the image's lowest level would hold the same voxels, and be a strange number in messages.
     threshold = (limits.low if given else max(limits.low, float(image.array.min()))), limits.high
     if erosion is None:
         start, mask, erosion = _separated_by_default(

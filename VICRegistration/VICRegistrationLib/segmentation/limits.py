@@ -142,7 +142,7 @@ def _offsets(edges: Edges, low: float, high: float) -> np.ndarray:
         if side.sum() < FEWEST_ON_SIDE * len(half):
             continue
         own = half[side]
-        # Edges of the other kind say nothing about this limit and have the typical one.
+        # Edges of the other kind do not show this limit; they get the typical one.
         offsets[:, number] = np.quantile(own, share) - limit
         offsets[side, number] += np.clip(own, *np.quantile(own, [_OUTLIERS, 1.0 - _OUTLIERS])) - np.median(own)
     return offsets

@@ -1,4 +1,4 @@
-"""The voxels of an organ whose shape is known as a star: its grey levels decide only near that surface."""
+"""The voxels of an organ whose star-shaped surface is known: grey levels decide only near that surface."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def edges_of(image: Image, star: Star) -> Edges:
 
 
 def _one_sided(limits: Limits, star: Star) -> Limits:
-    """Limits towards what lies outside alone: within its wall, a bright organ may be as bright as it likes."""
+    """Keep only the limit towards what lies outside: an organ brighter than its wall has no upper limit."""
     return replace(limits, high=np.inf) if star.falls else replace(limits, low=-np.inf)
 
 
