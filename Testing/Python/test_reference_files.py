@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -176,6 +178,18 @@ def test_a_file_that_ends_its_reader_is_refused(surface, tmp_path, suffix):
     # VTK 9.6 ends its process with it; another version may return it, and it is refused in other words.
     with pytest.raises(ValueError, match=REFUSED):
         read_reference(path)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the launcher is a shell script")
+def test_in_slicer_its_python_reads(surface, tmp_path, monkeypatch):
+    launcher, path = tmp_path / "PythonSlicer", tmp_path / "a.stl"
+    launcher.write_text(f'#!/bin/sh\ntouch "{tmp_path}/started"\nexec "{sys.executable}" "$@"\n')
+    launcher.chmod(0o755)
+    write_mesh(surface, path, name="a")
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(sys, "executable", "Slicer")
+    assert depth(read_reference(path).reference) == pytest.approx(-8.0, abs=0.1)
+    assert (tmp_path / "started").exists()
 
 
 def test_polygons_of_points_that_are_not_there_are_refused(tmp_path):
