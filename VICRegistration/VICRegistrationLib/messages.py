@@ -41,6 +41,15 @@ SENTENCES = {
         "The segmentation has {count} pieces; the largest was taken, and {left_out:.0%} of its voxels were left out. "
         "If they belong to the organ, fill the slices between the pieces; look at the contour."
     ),
+    "layer_included": _(
+        "The image shows a flat, horizontal edge of {area_cm2:.0f} cm2 in the organ, and is as even behind it as "
+        "before it: the level of a layer, as of sediment, blood or contrast agent. What lies behind it, {layer_ml:.1f} "
+        "ml at the {side} side, was taken as part of the organ. Look at the contour there."
+    ),
+    "ends_at_level": _(
+        "The boundary is flat and horizontal over {area_cm2:.0f} cm2 at the {side} side: this may be the level of a "
+        "layer in the organ and not its wall. Look at the contour there, and place points on the wall behind it."
+    ),
     # Why a surface is no valid solid.
     "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "rim": _("The surface has a rim at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),

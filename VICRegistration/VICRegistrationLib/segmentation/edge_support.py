@@ -28,6 +28,23 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
 
     Parameters
     ----------
+    image, region, star
+        As for :func:`edge_strengths`.
+
+    Returns
+    -------
+    float
+        Without what the border of the volume cuts; 0 where it cuts everything.
+    """
+    strengths = edge_strengths(image, region, star)[1]
+    return float(strengths.mean()) if len(strengths) else 0.0
+
+
+def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray, np.ndarray]:
+    """How much of an edge there is at places of a region's boundary.
+
+    Parameters
+    ----------
     image : Image
     region : Region
     star : Star
@@ -35,8 +52,10 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
 
     Returns
     -------
-    float
-        Without what the border of the volume cuts; 0 where it cuts everything.
+    places : ndarray, shape (n, 3)
+        RAS mm, without those at the border of the volume.
+    strengths : ndarray, shape (n,)
+        From 0 to 1.
     """
     voxels = boundary_voxels(region.mask)
     voxels = voxels[:: -(-len(voxels) // _MOST_PLACES)]
@@ -49,11 +68,11 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     levels, valid = sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
     seen = valid.all(axis=1)
     if not seen.any():
-        return 0.0
+        return np.empty((0, 3)), np.empty(0)
     levels = levels[seen] if star.falls else -levels[seen]
     sides = sliding_window_view(levels, _SIDE, axis=1)
     falls = sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)
-    return float(np.maximum(np.tanh(falls.max(axis=1) / (STEP_SHARE * star.contrast)), 0.0).mean())
+    return places[seen], np.maximum(np.tanh(falls.max(axis=1) / (STEP_SHARE * star.contrast)), 0.0)
 
 
 def area_without_edge(image: Image, region: Region, star: Star) -> float:

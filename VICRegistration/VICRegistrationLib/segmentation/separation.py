@@ -12,6 +12,7 @@ from ..imaging.region import Region
 from ..messages import Diagnostic
 from .checks import TooLarge, check_scale, fills_volume
 from .edge_support import agreement, area_without_edge, edge_support
+from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
 from .ray_origins import CLICK_MM
@@ -40,7 +41,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
     The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
-    and where the first has leaked; else the first.
+    and where the first has leaked; else the first. Where the region ends at the level between two fluids
+    (`find_fluid_level`), the organ is separated once more, with both.
 
     Parameters
     ----------
@@ -87,12 +89,29 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     seeds = checked_seeds(image, seeds)
     try:
         if threshold is None and erosion is None and dilation is None:
-            return _chosen(image, seeds, fill)
+            return _with_layer(image, seeds, _chosen(image, seeds, fill), fill)
         return grown_region(image, seeds, threshold=threshold, erosion=erosion, dilation=dilation, fill=fill)
     except TooLarge as error:
         tried = remedy(image, seeds, error.threshold, erosion=erosion, dilation=dilation, fill=fill)
         msg = f"{error} {tried}"
         raise ValueError(msg) from error
+
+
+def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> Region:
+    """Separate an organ again where its region ends at a level between two fluids, with the layer behind it."""
+    level = find_fluid_level(image, region)
+    if level is None:
+        return region
+    even = level.removed_from(image)
+    try:
+        whole = _chosen(even, seeds, fill)
+    except ValueError:
+        whole = region
+    values = {"area_cm2": level.area_cm2, "side": level.side}
+    if level.continues(whole) and level.support_behind(even, whole, find_star(even, seeds)) > _LEAST_SUPPORT:
+        found = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
+        return replace(whole, diagnostics=(*whole.diagnostics, found))
+    return replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
 
 
 def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:

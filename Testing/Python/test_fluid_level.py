@@ -1,0 +1,112 @@
+"""A layer of darker fluid at the back or front of an organ belongs to it; a wall is no level."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.segmentation.fluid_level import find_fluid_level
+from VICRegistrationLib.segmentation.separation import separate
+
+RADIUS, WALL_MM, HALF = 20.0, 3.0, 32
+LUMEN, LAYER, WALL, TISSUE = 150.0, 85.0, 30.0, 110.0
+
+
+def ball(*, depth=10.0, degrees=0.0, bulge=0.0, layer=LAYER, wall_mm=WALL_MM, sign=-1.0):
+    """A ball in a wall, with a layer behind a level at the back (RAS), so far from the middle, tilted or bulging."""
+    s, a, r = np.indices((2 * HALF + 1,) * 3) - float(HALF)
+    radius = np.sqrt(s**2 + a**2 + r**2)
+    behind = sign * a - depth - np.tan(np.radians(degrees)) * r + bulge * (1.0 - (r**2 + s**2) / RADIUS**2)
+    inside = radius < RADIUS
+    share = np.clip(0.5 + behind, 0.0, 1.0)
+    levels = np.where(inside, LUMEN + share * (layer - LUMEN), np.where(radius < RADIUS + wall_mm, WALL, TISSUE))
+    levels = ndimage.gaussian_filter(levels, 0.5) + 3.0 * np.random.default_rng(0).standard_normal(levels.shape)
+    matrix = np.eye(4)
+    matrix[:3, 3] = -HALF
+    return Image(np.rint(levels), matrix), inside, behind
+
+
+def before_the_level(image, inside, behind):
+    return region_from_mask(image, inside & (behind < 0.5), largest_component=True)
+
+
+def turned(image, *, axes):
+    """The same volume with its axes in memory in another order."""
+    order = [2 - axis for axis in axes][::-1]
+    return Image(np.ascontiguousarray(image.array.transpose(order)), image.ijk_to_ras[:, [*axes, 3]])
+
+
+@pytest.mark.parametrize(("degrees", "sign"), [(0.0, -1.0), (3.0, -1.0), (0.0, 1.0)])
+def test_a_level_is_found_where_it_is(degrees, sign):
+    image, inside, behind = ball(degrees=degrees, sign=sign)
+    level = find_fluid_level(image, before_the_level(image, inside, behind))
+    assert level.side == ("anterior" if sign > 0.0 else "posterior")
+    np.testing.assert_allclose(level.plane, [sign * np.tan(np.radians(degrees)), 0.0, sign * 10.0], atol=0.2)
+    # The circle of 300 mm2 times pi but for its rim.
+    assert level.area_cm2 == pytest.approx(np.pi * (np.sqrt(3.0) - 0.2) ** 2, abs=0.8)
+
+
+def test_a_level_is_taken_away_and_all_before_it_stays():
+    image, inside, behind = ball()
+    even = find_fluid_level(image, before_the_level(image, inside, behind)).removed_from(image)
+    np.testing.assert_allclose(even.array[behind < -3.0], image.array[behind < -3.0])
+    deep = ndimage.binary_erosion(inside, iterations=2)
+    assert even.array[deep].mean() == pytest.approx(LUMEN, abs=1.0)
+    assert np.abs(even.array[deep] - LUMEN).max() < 20.0
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"degrees": 9.0}, {"bulge": 3.0}, {"bulge": -3.0}, {"layer": LUMEN}],
+    ids=["steep", "convex", "hollow", "none"],
+)
+def test_what_is_no_level_is_not_found(how):
+    image, inside, behind = ball(**how)
+    assert find_fluid_level(image, before_the_level(image, inside, behind)) is None
+    assert find_fluid_level(image, region_from_mask(image, inside)) is None
+
+
+def test_a_flat_and_horizontal_wall_is_no_level():
+    image, inside, behind = ball()
+    walled = np.where(behind > 5.0, TISSUE, np.where(behind > 0.0, WALL, image.array))
+    assert find_fluid_level(Image(walled, image.ijk_to_ras), before_the_level(image, inside, behind)) is None
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (1, 2, 0)])
+def test_an_organ_is_separated_with_its_layer(axes):
+    image, inside, _ = ball()
+    region = separate(turned(image, axes=axes), [0.0, 5.0, 0.0])
+    (found,) = region.diagnostics
+    assert (found.code, found.values["side"]) == ("layer_included", "posterior")
+    # Of a ball of 33.5 ml, the cap of 10 mm.
+    assert found.values["layer_ml"] == pytest.approx(np.pi * 100.0 * (60.0 - 10.0) / 3.0 / 1000.0, rel=0.1)
+    assert region.volume_ml == pytest.approx(np.count_nonzero(inside) / 1000.0, rel=0.03)
+
+
+def test_a_click_into_the_layer_finds_the_whole_organ():
+    image, inside, _ = ball(depth=5.0)
+    region = separate(image, [0.0, -10.0, 0.0])
+    assert region.volume_ml == pytest.approx(np.count_nonzero(inside) / 1000.0, rel=0.03)
+
+
+def test_neither_offset_nor_scale_of_the_grey_levels_changes_what_is_found():
+    image = ball()[0]
+    regions = [
+        separate(Image(scale * image.array + offset, image.ijk_to_ras), [0.0, 5.0, 0.0])
+        for scale, offset in ((1.0, 0.0), (0.25, -1000.0), (16.0, 4096.0))
+    ]
+    assert all("layer_included" in [each.code for each in region.diagnostics] for region in regions)
+    for region in regions[1:]:
+        np.testing.assert_array_equal(region.mask, regions[0].mask)
+
+
+def test_what_has_no_wall_behind_a_level_is_left_out_and_reported():
+    """Tissue behind a flat wall, as even as a fluid, which goes on to the border of the volume."""
+    image, inside, behind = ball()
+    open_ended = np.where(behind > 0.0, LAYER, image.array)
+    region = separate(Image(open_ended, image.ijk_to_ras), [0.0, 5.0, 0.0])
+    assert [each.code for each in region.diagnostics] == ["ends_at_level"]
+    assert region.volume_ml == pytest.approx(np.count_nonzero(inside & (behind < 0.0)) / 1000.0, rel=0.05)
