@@ -256,6 +256,15 @@ def test_orientations_in_one_series_are_chosen_by_their_size(tmp_path):
     assert farthest(read_image(more, frame=2)) < 0.05
 
 
+def test_planes_about_an_axis_are_no_volume(tmp_path):
+    turns = [(np.cos(angle), np.sin(angle), 0.0, 0.0, 0.0, -1.0) for angle in np.pi * np.arange(9) / 9.0]
+    folder = write_series(tmp_path / "series", [single((0.0, 0.0, 0.0), turn) for turn in turns])
+    assert "holds 9 images, each of another orientation (planes about an axis?)" in refusal(folder)
+    write_series(tmp_path / "series", [single((0.0, 1.0, 0.0), turn) for turn in turns])
+    assert "images of 9 orientations (a localizer?): 2 coronal, " in refusal(folder)
+    assert " and 3 more; one volume is needed" in refusal(folder)
+
+
 def test_a_localizer_of_another_size_is_left_out(tmp_path):
     wide = image(
         np.zeros((8, 8)),

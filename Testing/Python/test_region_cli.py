@@ -75,3 +75,9 @@ def test_what_cannot_be_met_is_told(folder, tmp_path, capsys, words, needed):
     assert fit(folder, *region, *words) == 2
     assert needed in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_mesh_is_no_region(folder, tmp_path, capsys):
+    words = ["--organ", "bladder", "--region", tmp_path / "bladder.stl", "--output", tmp_path / "out"]
+    assert fit(folder, *words) == 2
+    assert "bladder.stl is a mesh or a surface; a region is a label image" in capsys.readouterr().err

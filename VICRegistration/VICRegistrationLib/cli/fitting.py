@@ -30,6 +30,9 @@ from .results_folder import Run, restored_organs, target_files, write_results
 from .stack_entries import motion_text, stack_place
 from .stored_results import StoredResults, image_record, read_results
 
+# Files that a user may take for a label image.
+_SURFACES = (".json", ".stl", ".ply", ".obj", ".vtp")
+
 
 def fit_to_folder(
     image_path: str | os.PathLike,
@@ -245,6 +248,12 @@ def separated_organ(image: Image, request: OrganRequest, say: Callable[[str], No
 def _from_label(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
     """Take one organ from a label image; returns the region and how long it took, s."""
     start = time.perf_counter()
+    if Path(request.region).suffix.lower() in _SURFACES:
+        msg = (
+            f"{request.region} is a mesh or a surface; a region is a label image. Give one, such as a segmentation of "
+            "3D Slicer (.seg.nrrd), or seeds."
+        )
+        raise ValueError(msg)
     label, segment = read_label(request.region, request.label, organ=request.name)
     try:
         region = region_from_label(image, label)

@@ -140,6 +140,12 @@ def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str
     oriented = _by_orientation(slices)
     if len(oriented) == 1:
         return _at_places(slices, what)
+    if len(oriented) == len(slices) > 2:
+        msg = (
+            f"{_capital(what)} holds {len(slices)} images, each of another orientation (planes about an axis?), which "
+            "are no volume. Choose another series."
+        )
+        raise ValueError(msg)
     found = []
     for group in oriented:
         try:
@@ -147,7 +153,7 @@ def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str
         except ValueError:
             # It is no volume, which is reported if it is chosen.
             found.append(group)
-    planes = ", ".join(f"{len(group)} {group[0].plane}" for group in oriented)
+    planes = _listed([f"{len(group)} {group[0].plane}" for group in oriented])
     return found, f"images of {len(oriented)} orientations (a localizer?): {planes}"
 
 
