@@ -20,7 +20,8 @@ import surfaces
 import tubes
 import volumes
 
-from VICRegistrationLib.analysis.distances import mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import points_on
+from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.imaging.image import Image

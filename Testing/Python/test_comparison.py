@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from VICRegistrationLib.analysis.comparison import compare, distances_from
-from VICRegistrationLib.analysis.distances import ReferenceMesh, mesh_of_mask
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, mesh_of_mask
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from VICRegistrationLib.analysis.distances import ReferenceMesh, deviation, mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import deviation, points_on
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, mesh_of_mask
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image

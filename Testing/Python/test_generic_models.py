@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from small_phantom import CENTER, ellipsoid, ellipsoid_image
 from tubes import RADIUS_MM, bent_tube
 
-from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.geometry import centreline as centreline_module
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.centreline import centreline

@@ -22,7 +22,7 @@ from reorientation import motion
 from small_phantom import CENTER, ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
-from VICRegistrationLib.analysis.distances import ReferenceMesh, mesh_of_mask
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, mesh_of_mask
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.volume_fractions import volume_fractions

@@ -11,7 +11,8 @@ from bladders import NAMES
 from hippocampus import NAMES as HIPPOCAMPI
 from hippocampus import farthest_from_start, load_hippocampus
 
-from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.organ import fit_organ, fit_region

@@ -15,8 +15,8 @@ from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from VICRegistrationLib.analysis.comparison import compare, distances_from
-from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh
 from VICRegistrationLib.analysis.mirrored import mirrored
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
 from VICRegistrationLib.analysis.references import read_reference
 from VICRegistrationLib.export.mesh_files import write_mesh
 from VICRegistrationLib.export.surface_data import add_text

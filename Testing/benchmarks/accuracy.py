@@ -13,14 +13,8 @@ from vtkmodules.vtkCommonCore import mutable
 from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import (
-    Deviation,
-    Reference,
-    ReferenceMesh,
-    closed_mesh,
-    points_on,
-    signed_distances,
-)
+from VICRegistrationLib.analysis.distances import Deviation, Reference, points_on, signed_distances
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
 from VICRegistrationLib.geometry.polydata import polydata
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface

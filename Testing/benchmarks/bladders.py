@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from VICRegistrationLib.analysis.distances import ReferenceMesh, closed_mesh, mesh_of_mask
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh, mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image

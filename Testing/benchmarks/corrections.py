@@ -6,7 +6,8 @@ import numpy as np
 from bladders import HARD, NAMES, Bladder, bladders, drawn_image
 from measuring import table
 
-from VICRegistrationLib.analysis.distances import mesh_of_mask, points_on
+from VICRegistrationLib.analysis.distances import points_on
+from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.registration.boundary_points import boundary_deviations

@@ -11,7 +11,8 @@ from measuring import table
 from surfaces import contour_in_world, smoothed_contour
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import Reference, ReferenceMesh, closed_mesh, points_on
+from VICRegistrationLib.analysis.distances import Reference, points_on
+from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
 from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.steps import finish

@@ -9,7 +9,8 @@ import numpy as np
 from measuring import table
 
 from VICRegistrationLib.analysis.comparison import distances_from
-from VICRegistrationLib.analysis.distances import deviation, mesh_of_mask
+from VICRegistrationLib.analysis.distances import deviation
+from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.morphology import fill_holes
 from VICRegistrationLib.imaging.reading import read_image

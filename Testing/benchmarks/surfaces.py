@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkWindowedSincPolyDataFilter
 from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 
-from VICRegistrationLib.analysis.distances import turned_alike
+from VICRegistrationLib.analysis.reference_meshes import turned_alike
 from VICRegistrationLib.export.surface_data import triangles_in
 from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.registration.options import FitOptions

@@ -307,7 +307,7 @@ def compare(
     1.0 mm
     """
     from .analysis.comparison import compare as compared
-    from .analysis.distances import ReferenceMesh
+    from .analysis.reference_meshes import ReferenceMesh
     from .analysis.references import read_reference
 
     if isinstance(reference, (str, os.PathLike)):

@@ -13,15 +13,8 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.triangles import area_vectors, enclosed_volume
 from ..geometry.triangulation import triangulate
 from ..geometry.volume_fractions import Box
-from .distances import (
-    Deviation,
-    Reference,
-    ReferenceMesh,
-    closed_mesh,
-    points_on,
-    signed_distances,
-    signed_to_surface,
-)
+from .distances import Deviation, Reference, points_on, signed_distances, signed_to_surface
+from .reference_meshes import ReferenceMesh, closed_mesh
 
 # Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
 # counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.

@@ -6,26 +6,19 @@ from dataclasses import dataclass
 from typing import Union
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkDoubleArray
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData
-from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D, vtkImplicitPolyDataDistance, vtkPolyDataNormals
+from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 
-from ..export.surface_data import triangles_in
 from ..geometry.polydata import polydata
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
-from ..geometry.triangles import area_vectors, enclosed_volume
+from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh
-from ..imaging.image import Image
-from .mesh_repair import joined, without_copies
+from .reference_meshes import ReferenceMesh
 
 # Cells in u and in v within which the area of a surface is taken as evenly spread: it changes by some 1 % across one.
 _CELLS = (256, 256)
-# A mesh whose volume is below this fraction of that of its bounding cube is flat.
-_FLAT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,22 +76,6 @@ class Deviation:
             f"mean {self.mean:.2f} mm, signed {self.mean_signed:+.2f} mm, 95 % below {self.p95:.2f} mm, "
             f"largest {self.maximum:.2f} mm"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceMesh:
-    """Triangles to measure against.
-
-    Parameters
-    ----------
-    points : (n, 3) ndarray
-        RAS mm.
-    triangles : (m, 3) ndarray of int
-        Counter-clockwise seen from outside.
-    """
-
-    points: np.ndarray
-    triangles: np.ndarray
 
 
 Reference = Union[BSplineSurface, TriangleMesh, ReferenceMesh]
@@ -188,125 +165,6 @@ def points_on(reference: Reference, n_points: int) -> np.ndarray:
     return corner + a * (first - corner) + b * (second - corner)
 
 
-def mesh_of_mask(mask: Image) -> ReferenceMesh:
-    """Surface of a label image, for measuring against a segmentation.
-
-    Parameters
-    ----------
-    mask : Image
-        Voxels of the organ are 1, others 0; the surface lies where fractions are a half. The grid may be
-        oblique and left-handed.
-
-    Returns
-    -------
-    ReferenceMesh
-        Closed; where the organ touches the border of the volume, the surface passes half a voxel outside of the outer
-        voxel centres.
-
-    Raises
-    ------
-    ValueError
-        If no voxel is more than a half.
-
-    Notes
-    -----
-    Flying edges (Schroeder, Maynard, Geveci, 2015) on the grid's indices, whose points are then taken to the world.
-    """
-    array = np.pad(np.asarray(mask.array, dtype=np.float32), 1)
-    if not array.max() > 0.5:
-        msg = "No voxel of the mask is above 0.5; a reference needs an organ, choose another label."
-        raise ValueError(msg)
-    volume = vtkImageData()
-    volume.SetDimensions(*array.shape[::-1])
-    volume.GetPointData().SetScalars(numpy_to_vtk(array.ravel(), deep=True))
-    contour = vtkFlyingEdges3D()
-    contour.SetInputData(volume)
-    contour.SetValue(0, 0.5)
-    contour.ComputeNormalsOff()
-    contour.ComputeGradientsOff()
-    contour.ComputeScalarsOff()
-    contour.Update()
-    ijk, triangles = triangles_in(contour.GetOutput())
-    points = mask.to_ras(ijk - 1.0)
-    # On a left-handed grid the order of the corners turns over with the space.
-    return ReferenceMesh(points, triangles if enclosed_volume(points, triangles) > 0.0 else triangles[:, ::-1])
-
-
-def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
-    """Make triangles fit for signed distances, or refuse them.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh or ReferenceMesh
-        RAS mm. Points may be there twice (as in an STL file), also with other roundings, and so may triangles; they may
-        be turned the wrong way.
-
-    Returns
-    -------
-    ReferenceMesh
-        Each point once, no triangle without corners of its own, counter-clockwise seen from outside.
-
-    Raises
-    ------
-    ValueError
-        If there are no triangles, coordinates are not finite, the mesh is open or encloses no volume.
-
-    Notes
-    -----
-    Neighbours are turned alike where they are not; then all of them outward, by the sign of the enclosed volume. A
-    hollow stays one if the file has its triangles turned the other way.
-    """
-    points, triangles = np.asarray(mesh.points, dtype=float), np.asarray(mesh.triangles)
-    if not len(triangles):
-        msg = "The mesh has no triangles; give one that encloses an organ."
-        raise ValueError(msg)
-    if not np.isfinite(points).all():
-        msg = "The mesh has points that are not finite (NaN or infinite); repair it where it was made."
-        raise ValueError(msg)
-    given = points, triangles
-    for rounded, copies in ((False, False), (False, True), (True, False)):
-        points, triangles = joined(*given, rounded=rounded)
-        triangles = triangles if copies else without_copies(triangles)
-        open_edges, turned_edges = _unmatched_edges(triangles, len(points))
-        if not open_edges:
-            break
-    if open_edges:
-        msg = (
-            f"The mesh is open: {open_edges} edges have a triangle without a neighbour; inside and outside need a "
-            "closed one, so fill its holes first."
-        )
-        raise ValueError(msg)
-    if turned_edges:
-        points, triangles = triangles_in(turned_alike(points, triangles))
-    volume = enclosed_volume(points, triangles)
-    if not abs(volume) > _FLAT * np.linalg.norm(np.ptp(points, axis=0)) ** 3:
-        msg = "The mesh encloses no volume; give one of a solid organ."
-        raise ValueError(msg)
-    return ReferenceMesh(points, triangles if volume > 0.0 else triangles[:, ::-1])
-
-
-def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
-    """Take a mesh apart into those pieces that have no point in common.
-
-    Parameters
-    ----------
-    mesh : ReferenceMesh
-        From `closed_mesh`.
-
-    Returns
-    -------
-    tuple of ReferenceMesh
-        The one that encloses most first; hollows, which are turned inside out, are last.
-    """
-    count = len(mesh.points)
-    start, end = mesh.triangles[:, [0, 1]].ravel(), mesh.triangles[:, [1, 2]].ravel()
-    links = sparse.coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(count, count))
-    _, piece = csgraph.connected_components(links, directed=False)
-    of_triangle = piece[mesh.triangles[:, 0]]
-    found = [ReferenceMesh(mesh.points, mesh.triangles[of_triangle == number]) for number in np.unique(of_triangle)]
-    return tuple(sorted(found, key=lambda part: enclosed_volume(part.points, part.triangles), reverse=True))
-
-
 def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
     """Signed distances of points from triangles.
 
@@ -334,36 +192,6 @@ def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
     distance.SetInput(polydata(mesh.points, mesh.triangles))
     distance.EvaluateFunction(numpy_to_vtk(points), found)
     return vtk_to_numpy(found).copy()
-
-
-def turned_alike(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
-    """Turn triangles so that neighbours agree, outward, with the normals of their points as VTK shades them.
-
-    Parameters
-    ----------
-    points : (n, 3) ndarray
-    triangles : (m, 3) ndarray of int
-
-    Returns
-    -------
-    vtkPolyData
-    """
-    normals = vtkPolyDataNormals()
-    normals.SetInputData(polydata(points, triangles))
-    normals.SplittingOff()
-    normals.ConsistencyOn()
-    normals.AutoOrientNormalsOn()
-    normals.Update()
-    return normals.GetOutput()
-
-
-def _unmatched_edges(triangles: np.ndarray, n_points: int) -> tuple[int, int]:
-    """Count the edges with an odd number of triangles, and those that their triangles do not run both ways."""
-    start, end = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
-    keys = np.minimum(start, end) * n_points + np.maximum(start, end)
-    _, edge, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    balance = np.bincount(edge.reshape(-1), np.where(start < end, 1.0, -1.0))
-    return int(np.count_nonzero(uses % 2)), int(np.count_nonzero(balance))
 
 
 def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random.Generator) -> np.ndarray:

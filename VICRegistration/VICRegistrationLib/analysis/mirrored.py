@@ -7,7 +7,8 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import triangulate
 from .comparison import volume_dice
-from .distances import Reference, ReferenceMesh
+from .distances import Reference
+from .reference_meshes import ReferenceMesh
 
 # Of the triangles that stand for the surface, mm.
 _CHORD_ERROR = 0.1

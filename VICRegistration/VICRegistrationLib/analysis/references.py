@@ -15,7 +15,8 @@ from ..imaging.labels import read_label
 from ..imaging.morphology import fill_holes
 from ..imaging.region import region_from_mask
 from ..messages import Diagnostic
-from .distances import Reference, ReferenceMesh, closed_mesh, mesh_of_mask, pieces
+from .distances import Reference
+from .reference_meshes import ReferenceMesh, closed_mesh, mesh_of_mask, pieces
 
 # Shapes of other programs, which no reader of images knows either.
 _OTHER_SHAPES = (

@@ -148,7 +148,7 @@ def _told(comparison, name):
 
 def _warnings(reference):
     """Warn of what makes distances look larger than they are."""
-    from ..analysis.distances import closed_mesh, pieces
+    from ..analysis.reference_meshes import closed_mesh, pieces
     from ..geometry.surface import BSplineSurface
 
     count = 1 if isinstance(reference, BSplineSurface) else len(pieces(closed_mesh(reference)))

@@ -129,7 +129,7 @@ def _meshOfSegment(node, segmentId):
 
 def _meshOfVoxels(node, segmentId):
     """Triangles half-way between the voxels of a segment and those around it, or None if it has none."""
-    from ..analysis.distances import mesh_of_mask
+    from ..analysis.reference_meshes import mesh_of_mask
     from ..imaging.image import Image, beginning_at
 
     labelmap = slicer.vtkOrientedImageData()
@@ -167,7 +167,7 @@ def _meshOfModel(node):
 
 def _triangles(data):
     """Triangles of polygons, or None where there are none."""
-    from ..analysis.distances import ReferenceMesh
+    from ..analysis.reference_meshes import ReferenceMesh
     from ..export.surface_data import triangles_in
 
     cut = vtk.vtkTriangleFilter()
@@ -183,7 +183,7 @@ def _triangles(data):
 
 def _moved(reference, source, target):
     """Take a reference from below one transform node to below another; which way its normals point is not kept."""
-    from ..analysis.distances import ReferenceMesh
+    from ..analysis.reference_meshes import ReferenceMesh
     from ..geometry.surface import BSplineSurface
     from ..geometry.triangulation import triangulate
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.distances import ReferenceMesh
+from ..analysis.reference_meshes import ReferenceMesh
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler

@@ -11,7 +11,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkPlane
 from vtkmodules.vtkFiltersCore import vtkCutter, vtkStripper
 
-from ..analysis.distances import ReferenceMesh
+from ..analysis.reference_meshes import ReferenceMesh
 from ..geometry.polydata import polydata
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
