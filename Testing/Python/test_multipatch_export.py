@@ -8,7 +8,9 @@ from small_model import COLUMNS, ROWS, egg_with_band
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
+from VICRegistrationLib import cli
 from VICRegistrationLib.export.surface_data import triangles_in
+from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.geometry.triangles import enclosed_volume
 from VICRegistrationLib.multipatch.pelvis import pelvis
 from VICRegistrationLib.multipatch.step import model_step_text, write_model_step
@@ -116,6 +118,14 @@ def test_a_vtp_file_knows_the_patch_and_the_part_of_every_triangle(model, tmp_pa
     ras = points * [-1, -1, 1]
     on_egg = np.unique(triangles[np.array(words["part"]) == "egg"])
     assert np.abs(model.parents["egg"].closest_points(ras[on_egg]).distances).max() < 1e-4
+
+
+def test_the_triangles_of_a_model_are_left_out_where_surfaces_are_wanted(model, tmp_path, capsys):
+    write_model_vtp(model, tmp_path / "model.vtp")
+    write_surface(model.parents["egg"], tmp_path / "egg.json", name="egg")
+    files = [str(tmp_path / name) for name in ("egg.json", "model.vtp")]
+    assert cli.main(["export", *files, "--step", str(tmp_path / "a.step")]) == 0
+    assert "model.vtp is a model of several organs" in capsys.readouterr().err
 
 
 def test_a_picture_shows_every_part(model, tmp_path):

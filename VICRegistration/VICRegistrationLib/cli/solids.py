@@ -12,6 +12,7 @@ from ..file_names import file_key, organ_name
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import read_surface_record
 from ..multipatch.file import is_model_file
+from ..multipatch.vtp import holds_patches
 from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
 from .console import speaker
@@ -51,7 +52,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
         if path.name == _REPORT:
             speaker()(f"{path} is the report of a fit and holds no surface; it is left out")
             continue
-        if is_model_file(path):
+        if is_model_file(path) or holds_patches(path):
             speaker()(f"{path} is a model of several organs and not the surface of one; it is left out")
             continue
         if path.suffix.lower() not in _SUFFIXES:
@@ -67,7 +68,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     if not surfaces:
         msg = (
             f"{Path(paths[0]).name} holds no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them. "
-            "Models of several organs are for the commands model and mesh."
+            "Models of several organs (model.json) are for the commands model and mesh."
         )
         raise ValueError(msg)
     return colored_solids(surfaces)

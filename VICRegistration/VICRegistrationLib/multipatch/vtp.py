@@ -8,6 +8,7 @@ the model; ``estimated``, 1 where the image does not show the part. Names of est
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -46,6 +47,14 @@ def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike, *, chord_er
     text = xml_text(vtkXMLPolyDataWriter(), data)
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8")
+
+
+def holds_patches(path: str | os.PathLike) -> bool:
+    """Whether a file holds the triangles of a model; no if it cannot be read."""
+    try:
+        return Path(path).suffix.lower() == ".vtp" and b'Name="patch_number"' in Path(path).read_bytes()
+    except OSError:
+        return False
 
 
 def model_polydata(
