@@ -13,7 +13,7 @@ from ..registration.options import OPTIONS
 from ..registration.verdict import POOR, verdict_of
 from . import SOME_FAILED
 from .configuration import OrganRequest, files_of, organ_request, read_requests
-from .console import speaker
+from .console import line_printer
 from .fitting import fit_to_folder
 from .organ_entries import FittedOrgan
 from .process import silenced_stderr
@@ -40,7 +40,7 @@ def fit(options: argparse.Namespace) -> int:
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
     read = [*(reference.path for reference in references.values()), *files_of(requests)]
-    warn = speaker()
+    warn = line_printer()
     failed = []
 
     def report_failure(name: str, sentence: str) -> None:
@@ -58,7 +58,7 @@ def fit(options: argparse.Namespace) -> int:
         pictures=not options.no_pictures,
         step=options.step,
         on_failure=report_failure if options.keep_going else None,
-        say=speaker(options.quiet),
+        say=line_printer(options.quiet),
         warn=warn,
     )
     poor = [organ.name for organ in organs if _verdict(organ) == POOR] if options.strict else []
@@ -90,7 +90,7 @@ def phantom(options: argparse.Namespace) -> None:
         files = write_stacks(stacks, drafts)
         write_phantom(pelvis_phantom(), drafts, also=files)
     named = ", ".join(["mri.nii.gz", *files])
-    speaker()(f"phantom written to {options.folder}: {named}, organs.json and truth")
+    line_printer()(f"phantom written to {options.folder}: {named}, organs.json and truth")
 
 
 def _keep_files_of_the_user(folder: Path) -> None:
@@ -108,8 +108,8 @@ def reproduce(options: argparse.Namespace) -> None:
 
     require_packages("matplotlib", otherwise="")
     with replacing_folder(options.folder) as drafts:
-        run(drafts, say=speaker())
-    speaker()(f"table and plots written to {options.folder}")
+        run(drafts, say=line_printer())
+    line_printer()(f"table and plots written to {options.folder}")
 
 
 def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, OrganReference]:

@@ -15,7 +15,7 @@ from ..report.contents import TOLERANCES, ComparedOrgan, compared_organ
 from ..report.figure import require_packages
 from . import references, validators
 from .comparison_files import CSV, JSON, comparison_table, organ_files, organs_before, write_numbers, write_organ
-from .console import argument, speaker
+from .console import argument, line_printer
 from .solids import file_name, read_solids
 
 _MOST_POINTS = 10_000_000
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> None:
             print(f"warning: {organ.name}: {warning}", file=sys.stderr)
     if options.output is not None:
         instead = f", in place of the comparison of {', '.join(before)} there" if before else ""
-        speaker()(f"results written to {options.output}{instead}")
+        line_printer()(f"results written to {options.output}{instead}")
 
 
 def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:

@@ -52,8 +52,8 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def speaker(quiet: bool = False) -> Callable[[str], None]:
-    """Way of telling the user something on stderr, or of keeping it to oneself.
+def line_printer(quiet: bool = False) -> Callable[[str], None]:
+    """Make a function that prints a line for the user on stderr, or nothing if it is to be quiet.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def fit_to_folder(
     stacks = further_stacks(requests, say, warn)
     organs = _fitted_organs(image, requests, stacks, failed, say, keep_going=on_failure is not None)
     for organ in organs:
-        tell_outcome(organ, image, say, warn, step=step)
+        print_outcome(organ, image, say, warn, step=step)
     for name, sentence in failed.items():
         on_failure(name, sentence)
     run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
@@ -159,7 +159,7 @@ def loaded_image(
     return image, record, seconds
 
 
-def tell_outcome(
+def print_outcome(
     organ: FittedOrgan, image: Image, say: Callable[[str], None], warn: Callable[[str], None], *, step: bool
 ) -> None:
     """Say what came of an organ's fit, and what is to be looked at."""
@@ -279,13 +279,13 @@ def _fitted(
     steps = fit_region(image, region, request.options, boundary_points=request.boundary, further=stacks)
     fit = finish(steps, on_step=lines)
     lines.end()
-    tell_motions(request.name, fit.stacks, say)
+    print_motions(request.name, fit.stacks, say)
     seconds = seconds_separation + time.perf_counter() - start
     how = {"boundary": request.boundary, "asked": request.options}
     return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
 
 
-def tell_motions(name: str, stacks: Sequence[StackUse], say: Callable[[str], None]) -> None:
+def print_motions(name: str, stacks: Sequence[StackUse], say: Callable[[str], None]) -> None:
     """Say how an organ moved to each stack that was used."""
     for stack in stacks:
         if stack.used:

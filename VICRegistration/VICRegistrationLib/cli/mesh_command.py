@@ -16,7 +16,7 @@ from ..meshing.regions import MeshOptions
 from ..multipatch.file import is_model_file, read_model
 from ..multipatch.model import MultiPatchModel
 from . import validators
-from .console import argument, speaker
+from .console import argument, line_printer
 from .solids import read_solids
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> None:
     model = _model(options)
     solids = model or read_solids(options.surfaces)
 
-    say = speaker(options.quiet)
+    say = line_printer(options.quiet)
 
     with replacing_folder(target.parent) as drafts:
         make = _triangles if options.surface else _tetrahedra

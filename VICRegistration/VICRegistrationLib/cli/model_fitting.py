@@ -19,15 +19,15 @@ from ..registration.steps import finish
 from ..report.figure import require_packages
 from . import validators
 from .configuration import OrganRequest, files_of, read_requests
-from .console import argument, speaker
+from .console import argument, line_printer
 from .fitting import (
     StageLines,
     checked_folder,
     further_stacks,
     loaded_image,
+    print_motions,
+    print_outcome,
     separated_organ,
-    tell_motions,
-    tell_outcome,
 )
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> None:
     pictures, folder = not options.no_pictures, Path(options.output)
     if pictures:
         require_packages("matplotlib", "jinja2")
-    say, warn = speaker(options.quiet), speaker()
+    say, warn = line_printer(options.quiet), line_printer()
     model = find_model(options.model)
     requests = read_requests(options.config, defaults={"also": options.also})
     check_organs(model, {request.name: request.options for request in requests})
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> None:
     stacks = further_stacks(requests, say, warn)
     fit, organs = _fitted(image, model, requests, landmarks, stacks, say)
     for organ in organs:
-        tell_outcome(organ, image, say, warn, step=False)
+        print_outcome(organ, image, say, warn, step=False)
     for diagnostic in fit.diagnostics:
         warn(f"model: {diagnostic.sentence()}")
     results = ModelResults(fit, str(options.model))
@@ -157,7 +157,7 @@ def _fitted(
     organs = []
     for request in requests:
         found, seconds = fit.organs[request.name], separated[request.name][1]
-        tell_motions(request.name, found.stacks, say)
+        print_motions(request.name, found.stacks, say)
         whole = seconds + found.seconds
         organs.append(FittedOrgan(request.name, found, request.seeds, whole, seconds, asked=request.options))
     return fit, organs

@@ -46,7 +46,7 @@ def stoppable() -> Iterator[None]:
             usual_hook(unraisable)
             return
         # Python drops what is raised while it throws objects away: again, once it is done with that.
-        threading.Timer(_SOON_S, _tell_main_thread, numbers).start()
+        threading.Timer(_SOON_S, _send_to_main_thread, numbers).start()
 
     usual_hook = sys.unraisablehook
     mine = {}
@@ -81,12 +81,12 @@ def end_with_stdin() -> None:
             while os.read(0, 1024):
                 pass
         # Not as by Ctrl-C, which is ignored in what was started in the background.
-        _tell_main_thread(signal.SIGTERM)
+        _send_to_main_thread(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _tell_main_thread(number: int) -> None:
+def _send_to_main_thread(number: int) -> None:
     """Send a signal to the main thread, where Python handles it: it wakes up even if it waits for something."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident, number)

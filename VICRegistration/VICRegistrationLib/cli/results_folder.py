@@ -129,7 +129,7 @@ def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: C
         with replacing_folder(folder, outdated=outdated) as drafts:
             _write_drafts(run, stored, drafts, warn)
             outdated += _outdated(run, stored, drafts, warn)
-    _tell_what_went(run, stored, outdated, warn)
+    _warn_of_removed(run, stored, outdated, warn)
     kept = ", ".join(name for name in stored.organs if name not in run.names)
     names = [*run.names, *(["the model"] if run.model is not None else [])]
     say(f"written to {folder}: {', '.join(names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
@@ -217,7 +217,7 @@ def _outdated(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str
     return [name for name in old if stored.holds(name)]
 
 
-def _tell_what_went(run: Run, stored: StoredResults, outdated: Sequence[str], warn: Callable[[str], None]) -> None:
+def _warn_of_removed(run: Run, stored: StoredResults, outdated: Sequence[str], warn: Callable[[str], None]) -> None:
     removed = ", ".join(name for name in stored.removed_organs if name not in run.names)
     if removed:
         warn(f"no longer in the report, as the surface was removed from {stored.folder}: {removed}")

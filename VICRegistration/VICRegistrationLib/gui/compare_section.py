@@ -95,9 +95,9 @@ class CompareSection:
         self._showPatient()
         self._showColoring()
         if organ is not None and not fitted:
-            self._tell(_("The organ has no surface yet; fit it, then compare."))
+            self._show(_("The organ has no surface yet; fit it, then compare."))
         else:
-            self._tell(comparisonText(organ) if fitted else "")
+            self._show(comparisonText(organ) if fitted else "")
 
     def _patientVolume(self):
         return (volumeOf(self._organ) or self._volume) if self._organ is not None else None
@@ -129,7 +129,7 @@ class CompareSection:
         name, text, remedy = _colorings()[index]
         if name and not hasNumbers(self._organ.surface, name):
             self._showColoring()
-            self._tell(_("{choice}: the surface does not have it. {remedy}").format(choice=text, remedy=remedy))
+            self._show(_("{choice}: the surface does not have it. {remedy}").format(choice=text, remedy=remedy))
             return
         colorBy(self._organ.surface, name or None)
 
@@ -139,7 +139,7 @@ class CompareSection:
             with slicer.util.WaitCursor():
                 compareOrgan(organ, volumeNode, *organ.reference())
         except ValueError as error:
-            self._tell(str(error))
+            self._show(str(error))
             return
         self.refresh(busy=False)
 
@@ -147,10 +147,10 @@ class CompareSection:
         try:
             text, count = tableAsCsv()
         except ValueError as error:
-            self._tell(str(error))
+            self._show(str(error))
             return
         slicer.app.clipboard().setText(text)
-        self._tell(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
+        self._show(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
 
-    def _tell(self, text):
+    def _show(self, text):
         self._message.show(text)

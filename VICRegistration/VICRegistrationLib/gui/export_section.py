@@ -34,7 +34,7 @@ class ExportSection:
     def __init__(self, ui):
         self._ui, self._organs, self._current = ui, [], None
         self._message = MessageLabel(ui.exportStatusLabel)
-        self._mesher = Mesher(self._tell, self._formatChosen)
+        self._mesher = Mesher(self._show, self._formatChosen)
         for suffix, text in _formats():
             ui.exportFormatCombo.addItem(text, suffix)
         ui.exportOrgansCombo.addItem(_("Selected organ"))
@@ -91,7 +91,7 @@ class ExportSection:
     def _export(self):
         folder, suffix = self._ui.exportFolderEdit.currentPath, self._suffix()
         if not folder:
-            self._tell(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            self._show(_("No folder is chosen; one is needed to write to. Choose a folder."))
             return
         self._ui.exportFolderEdit.addCurrentPathToHistory()
         try:
@@ -99,9 +99,9 @@ class ExportSection:
                 self._mesh(folder, suffix)
             else:
                 paths = exportSurfaces(self._chosen(), folder, suffix, faces=self._ui.exportFacesSpin.value)
-                self._tell(_("Written: {files}").format(files=", ".join(map(str, paths))))
+                self._show(_("Written: {files}").format(files=", ".join(map(str, paths))))
         except (ValueError, OSError) as error:
-            self._tell(str(error))
+            self._show(str(error))
 
     def _mesh(self, folder, suffix):
         ui = self._ui
@@ -112,5 +112,5 @@ class ExportSection:
         }
         self._mesher.mesh(lambda work: meshArguments(self._chosen(), work, folder, suffix, **how))
 
-    def _tell(self, text):
+    def _show(self, text):
         self._message.show(text)

@@ -36,14 +36,14 @@ class Mesher:
 
     Parameters
     ----------
-    tell : callable
-        Called with what is to be shown: progress, the result, or what is wrong.
+    show : callable
+        Called with a text: progress, the result, or what is wrong.
     onChanged : callable
         Called without arguments when the process has begun or ended.
     """
 
-    def __init__(self, tell, onChanged):
-        self._tell, self._onChanged = tell, onChanged
+    def __init__(self, show, onChanged):
+        self._show, self._onChanged = show, onChanged
         self._command = self._work = self._path = None
         self._lines, self._cancelled = [], False
 
@@ -66,7 +66,7 @@ class Mesher:
             As `arguments` does; nothing is left then.
         """
         if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
-            self._tell(
+            self._show(
                 _(
                     "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
                     "install it; if that has failed, the log has the reason (Help > Report a Bug)."
@@ -80,8 +80,8 @@ class Mesher:
             self._tidyUp()
             raise
         self._path = Path(path)
-        self._tell(_("Meshing ..."))
-        self._command = Command(words, self._heard, self._meshed)
+        self._show(_("Meshing ..."))
+        self._command = Command(words, self._lineRead, self._meshed)
         self._onChanged()
 
     def stop(self):
@@ -90,23 +90,23 @@ class Mesher:
             self._cancelled = True
             self._command.cancel()
 
-    def _heard(self, line):
+    def _lineRead(self, line):
         self._lines.append(line)
-        self._tell(line)
+        self._show(line)
 
     def _meshed(self, code, report):
         self._command = None
         self._tidyUp()
         if code != 0 and self._cancelled:
-            self._tell(_("Cancelled; no mesh was written."))
+            self._show(_("Cancelled; no mesh was written."))
         elif code != 0:
-            self._tell(
+            self._show(
                 self._lines[-1]
                 if self._lines
                 else _("The mesher ended without a mesh; nothing was written. Try another size.")
             )
         else:
-            self._tell("\n".join([_("Written: {files}").format(files=self._path), report]))
+            self._show("\n".join([_("Written: {files}").format(files=self._path), report]))
             if self._path.suffix == _VTU:
                 self._load()
         self._onChanged()
@@ -115,7 +115,7 @@ class Mesher:
         try:
             loadMesh(self._path)
         except ValueError as error:
-            self._tell(str(error))
+            self._show(str(error))
 
     def _tidyUp(self):
         shutil.rmtree(self._work, ignore_errors=True)

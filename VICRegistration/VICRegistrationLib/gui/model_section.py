@@ -60,7 +60,7 @@ class ModelSection(VTKObservationMixin):
         self._parameters = self._binding = self._volume = self._runner = None
         self._organs, self._rows, self._busy, self._landmarks = [], None, False, None
         self._message, self._fittedVolume = MessageLabel(ui.modelStatusLabel), None
-        self._written, self._mesher = "", Mesher(self._tellOfMesh, onChanged)
+        self._written, self._mesher = "", Mesher(self._showMeshText, onChanged)
         self._setUpWidgets()
         ui.modelSection.connect("contentsCollapsed(bool)", self._expanded)
         ui.genericModelCombo.connect("currentIndexChanged(int)", self._modelChosen)
@@ -145,7 +145,7 @@ class ModelSection(VTKObservationMixin):
         ui.patchColorCheck.enabled = fitted
         ui.exportModelButton.enabled = fitted and not self.running and not self._mesher.running
         if changed and not self.running:
-            self._tell(messageOf(volumeNode))
+            self._show(messageOf(volumeNode))
         self._followLandmarks()
         if not ready:
             return
@@ -201,7 +201,7 @@ class ModelSection(VTKObservationMixin):
         try:
             return modelNamed(self._parameters.modelName)
         except ValueError as error:
-            self._tell(str(error))
+            self._show(str(error))
             return None
 
     def _expanded(self, collapsed):
@@ -254,7 +254,7 @@ class ModelSection(VTKObservationMixin):
         try:
             self._parameters.modelLandmarks = createLandmarks(model, self._volume)
         except ValueError as error:
-            self._tell(str(error))
+            self._show(str(error))
             return
         self._followLandmarks()
         self._ui.landmarkPlaceWidget.setPlaceModeEnabled(True)
@@ -293,12 +293,12 @@ class ModelSection(VTKObservationMixin):
             return
         self.stopPlacing()
         self._fittedVolume = self._volume
-        self._tell(_("Fitting the model ..."))
+        self._show(_("Fitting the model ..."))
         self._runner = StepRunner(modelSteps(self._parameters, self._organs, self._volume), self._stepped, self._ended)
         self._onChanged()
 
     def _stepped(self, step):
-        self._tell(step.words)
+        self._show(step.words)
 
     def _ended(self, end, value):
         self._runner, volumeNode = None, self._fittedVolume
@@ -311,7 +311,7 @@ class ModelSection(VTKObservationMixin):
             End.FAILED: lambda: str(value),
         }[end]()
         self._onChanged()
-        self._tell(text)
+        self._show(text)
 
     def _showColors(self):
         check = self._ui.patchColorCheck
@@ -330,7 +330,7 @@ class ModelSection(VTKObservationMixin):
     def _export(self):
         folder, suffix, volumeNode = self._ui.modelFolderEdit.currentPath, self._meshSuffix(), self._volume
         if not folder:
-            self._tell(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            self._show(_("No folder is chosen; one is needed to write to. Choose a folder."))
             return
         self._ui.modelFolderEdit.addCurrentPathToHistory()
         try:
@@ -338,16 +338,16 @@ class ModelSection(VTKObservationMixin):
                 paths, problem = exportModel(volumeNode, folder)
             written = _("Written: {files}").format(files=", ".join(map(str, paths)))
             self._written = "\n".join([written, problem] if problem else [written])
-            self._tell(self._written)
+            self._show(self._written)
             if suffix:
                 size = self._ui.modelMeshSizeSlider.value
                 self._mesher.mesh(lambda work: modelMeshArguments(volumeNode, work, folder, suffix, sizeMm=size))
         except (ValueError, OSError) as error:
-            self._tell(str(error))
+            self._show(str(error))
 
-    def _tellOfMesh(self, text):
+    def _showMeshText(self, text):
         """Show what the mesher says below the files that were written; of its report the lines about the whole."""
-        self._tell("\n".join([self._written, *text.split("\n")[:_LINES_OF_MESH]]))
+        self._show("\n".join([self._written, *text.split("\n")[:_LINES_OF_MESH]]))
 
-    def _tell(self, text):
+    def _show(self, text):
         self._message.show(text)

@@ -171,7 +171,7 @@ def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], s
         )
         raise ValueError(msg)
     count = f"{'up to ' * (min(map(len, places)) < most)}{most} images at each of its {len(places)} places"
-    key = _telling(places, most)
+    key = _distinguishing(places, most)
     if key:
         values = sorted({_value(each, key) for each in slices})
         groups = [[each for each in slices if _value(each, key) == value] for value in values]
@@ -210,7 +210,7 @@ def _places(slices: Sequence[Slice]) -> list[list[Slice]]:
     return [[slices[number] for number in part] for part in np.split(order, starts)]
 
 
-def _telling(places: list[list[Slice]], most: int) -> tuple[str, ...]:
+def _distinguishing(places: list[list[Slice]], most: int) -> tuple[str, ...]:
     """Find what distinguishes the images of a place, alike at all places: one property, or two together."""
     names = list(dict.fromkeys(name for place in places for each in place for name in each.properties))
     for size in (1, 2):

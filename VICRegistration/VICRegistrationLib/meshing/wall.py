@@ -50,7 +50,7 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
             return outer
         refined = refined.refined()
     msg = (
-        f"The wall of {name} cannot be made {distance:g} mm thick at {_told(place)}, where the surface has an edge; "
+        f"The wall of {name} cannot be made {distance:g} mm thick at {_at(place)}, where the surface has an edge; "
         "fit the organ with the smooth closure."
     )
     raise ValueError(msg)
@@ -64,7 +64,7 @@ def _check_hollows(surface: BSplineSurface, distance: float, name: str) -> None:
     if hollow[i, j] * distance >= 1.0:
         place = surface.points([u[i]], [v[j]])[0]
         msg = (
-            f"A wall of {distance:g} mm around {name} would pass through itself at {_told(place)}, where the surface "
+            f"A wall of {distance:g} mm around {name} would pass through itself at {_at(place)}, where the surface "
             f"is hollow with a radius of {1.0 / hollow[i, j]:.2g} mm; choose a thinner wall."
         )
         raise ValueError(msg)
@@ -74,7 +74,7 @@ def _check_outer(surface: BSplineSurface, outer: BSplineSurface, distance: float
     problems = check_surface(outer)
     if problems:
         msg = (
-            f"A wall of {distance:g} mm around {name} would pass through itself at {_told(problems[0].point)}; "
+            f"A wall of {distance:g} mm around {name} would pass through itself at {_at(problems[0].point)}; "
             "choose a thinner wall."
         )
         raise ValueError(msg)
@@ -123,5 +123,5 @@ def _thickness_error(surface: BSplineSurface, outer: BSplineSurface, distance: f
     return float(apart[i, j]), surface.points([u[i]], [v[j]])[0]
 
 
-def _told(place: np.ndarray) -> str:
+def _at(place: np.ndarray) -> str:
     return "R {:.1f}, A {:.1f}, S {:.1f} mm".format(*place)

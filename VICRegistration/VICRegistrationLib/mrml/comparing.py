@@ -57,7 +57,7 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
     _checkOverlap(comparison, organ, name)
     data = organ.surface.GetPolyData()
     addNumbers(data, DEVIATION, distances_from(found, slicer.util.arrayFromModelPoints(organ.surface)))
-    _setText(data, "\n".join([_told(comparison, name), *_warnings(found)]))
+    _setText(data, "\n".join([_summary(comparison, name), *_warnings(found)]))
     colorBy(organ.surface, DEVIATION)
     patient = patient or patientOf(volumeNode)
     addComparison(comparison, patient=patient, organ=organ.label, reference=name)
@@ -127,7 +127,7 @@ def _checkOverlap(comparison, organ, name):
     )
 
 
-def _told(comparison, name):
+def _summary(comparison, name):
     deviation = comparison.to_surface
     return "\n".join(
         [

@@ -12,7 +12,7 @@ from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .options import FitOptions
 from .partial_volumes import PartialVolumes
-from .stages import Further
+from .stages import FurtherImage
 from .virtual_image import IntensityProfile, VirtualImage
 
 # Samples (u, v) of a surface by which is judged how much of it an image shows.
@@ -71,11 +71,11 @@ class View:
         """Share of the image's blur that lies inside a surface, see :meth:`.PartialVolumes.along`."""
         return self.volumes.along(surface.transformed(self.motion), axes, depths, within=within)
 
-    def compared(self, options: FitOptions, *, widening: float, within: float) -> Further:
+    def compared(self, options: FitOptions, *, widening: float, within: float) -> FurtherImage:
         """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
         centered = options.profile == "centered"
         profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
         # Levels that are given are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
         shares = partial(self.shares_along, within=within)
-        return Further(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
+        return FurtherImage(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)

@@ -20,7 +20,7 @@ _STUCK = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Further:
+class FurtherImage:
     """A further image that a stage compares its surface with.
 
     Parameters
@@ -38,12 +38,12 @@ class Further:
     trust: float = 1.0
 
 
-def line_shares(images: Sequence[Further], frame: Frame, reach: float) -> np.ndarray:
+def line_shares(images: Sequence[FurtherImage], frame: Frame, reach: float) -> np.ndarray:
     """Divide each normal line's weight among several images of one surface.
 
     Parameters
     ----------
-    images : sequence of Further
+    images : sequence of FurtherImage
     frame : Frame
         Of the surface at n samples.
     reach : float
@@ -103,7 +103,7 @@ class Stage:
     max_iterations : int
     largest_step : float
         Largest displacement of a control point in one iteration, mm.
-    further : tuple of Further
+    further : tuple of FurtherImage
         More images that show the same surface.
     """
 
@@ -122,7 +122,7 @@ class Stage:
     cost_tolerance: float = 0.0
     max_iterations: int = 50
     largest_step: float = 10.0
-    further: tuple[Further, ...] = ()
+    further: tuple[FurtherImage, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the choices."""
@@ -141,7 +141,7 @@ class Stage:
         """Make the correlations of a surface with all images, each with its part of the lines' weights."""
         if not self.further:
             return (self.correlation(surface, share=share),)
-        images = (Further(self.sampler, self.virtual), *self.further)
+        images = (FurtherImage(self.sampler, self.virtual), *self.further)
         parts = line_shares(images, surface.frame(np.zeros(surface.n_dof)), self.reach)
         stages = (replace(self, sampler=image.sampler, virtual=image.virtual) for image in images)
         return tuple(
