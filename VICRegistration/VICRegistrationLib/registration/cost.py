@@ -178,7 +178,7 @@ class Correlation:
         """Step between the levels inside and outside on each normal line, (n,) in units of the contrast."""
         return np.abs(self._fixed.step) / self._fixed.contrast
 
-    def doubt(self) -> np.ndarray:
+    def anchor_factors(self) -> np.ndarray:
         """How much stronger the anchor is on each normal line at q = 0 for its weak edge or the volume's end, (n,)."""
         q = np.zeros(self.surface.n_dof)
         self.refresh(q)
@@ -233,7 +233,7 @@ class Correlation:
         if self.virtual.adaptive and normal > 0.0:
             images = (self, *others)
             shares = [each.share for each in images] if others else [1.0]
-            held = [each.doubt() / each.virtual.blur(frame.normals) ** 2 for each in images]
+            held = [each.anchor_factors() / each.virtual.blur(frame.normals) ** 2 for each in images]
             normal = normal * sum(share * each for share, each in zip(shares, held))[:, None, None]
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         outer = tangential * np.eye(3) + (normal - tangential) * along

@@ -24,6 +24,8 @@ PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.25, 1.2
 INSIDE_PROBES = PROBE_DEPTHS < 0.0
 OUTSIDE_PROBES = ~INSIDE_PROBES
 
+# Standard deviation of the smoothing of levels over neighbours, as a fraction of the surface's parameter range.
+_SMOOTHING = 0.1
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
 # A grey level of which less than this share is of one side says nothing about it. With 0.01 to 0.3 the demo's organs
@@ -162,8 +164,6 @@ class VirtualImage:
     partial_volumes : callable, optional
         Compared in place of a centred profile's ramp: takes a surface, axes and depths, and computes shares as
         :meth:`.partial_volumes.PartialVolumes.along` does.
-    smoothing : float
-        Standard deviation of the smoothing over neighbours, as a fraction of the surface's parameter range.
 
     Raises
     ------
@@ -175,7 +175,6 @@ class VirtualImage:
     mode: str = "local"
     voxel: np.ndarray | None = None
     partial_volumes: Callable[..., np.ndarray] | None = None
-    smoothing: float = 0.1
 
     def __post_init__(self) -> None:
         """Check the choices."""
@@ -310,8 +309,8 @@ class VirtualImage:
         if self.mode == "organ":
             return np.broadcast_to(mean, values.shape)
         # Where all neighbours are blurred or outside of the volume, the organ's mean takes over.
-        along_u = _smoothing_matrix(shape[0], self.smoothing * shape[0], "wrap")
-        along_v = _smoothing_matrix(shape[1], self.smoothing * shape[1], "nearest")
+        along_u = _smoothing_matrix(shape[0], _SMOOTHING * shape[0], "wrap")
+        along_v = _smoothing_matrix(shape[1], _SMOOTHING * shape[1], "nearest")
         parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
         sums = along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)
         sums, weights = np.split(sums.reshape(len(values), -1), 2, axis=1)
