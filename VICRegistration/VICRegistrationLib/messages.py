@@ -284,20 +284,18 @@ class Diagnostic:
         return {"code": self.code, "values": values, "sentence": self.sentence()}
 
 
-def sentences(diagnostics: Iterable[Diagnostic], translate: Callable[[str], str] = _) -> str:
-    """Put diagnostics into sentences, one after the other.
+def sentences(diagnostics: Iterable[Diagnostic]) -> str:
+    """Put diagnostics into English sentences, one after the other.
 
     Parameters
     ----------
     diagnostics : iterable of Diagnostic
-    translate : callable
-        As in :meth:`Diagnostic.sentence`.
 
     Returns
     -------
     str
     """
-    return " ".join(diagnostic.sentence(translate) for diagnostic in diagnostics)
+    return " ".join(diagnostic.sentence() for diagnostic in diagnostics)
 
 
 def _shown(value: object, translate: Callable[[str], str]) -> object:
