@@ -126,6 +126,13 @@ def test_boundary_points_are_refused(capsys, given, tmp_path):
     assert "bladder: boundary points were given" in refused(capsys, given, tmp_path, organs=organs)
 
 
+def test_what_is_wrong_with_each_organ_is_told_with_its_name(capsys, given, tmp_path):
+    organs = [{"organ": name, "seed": [500, 0, 0]} for name in ("bladder", "vagina")]
+    told = refused(capsys, given, tmp_path, organs=organs)
+    assert "bladder: The seed (500.0, 0.0, 0.0) mm lies outside" in told
+    assert "vagina: The seed (500.0, 0.0, 0.0) mm lies outside" in told
+
+
 def test_a_model_that_is_not_there_is_refused(capsys, given, tmp_path):
     assert "give a file, or one of pelvis" in refused(capsys, given, tmp_path, "--model", tmp_path / "none.json")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from VICRegistrationLib import cli
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.geometry.surface_file import read_surface
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.imaging.reading import read_image, write_image
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +82,16 @@ def test_a_mesh_is_no_region(folder, tmp_path, capsys):
     words = ["--organ", "bladder", "--region", tmp_path / "bladder.stl", "--output", tmp_path / "out"]
     assert fit(folder, *words) == 2
     assert "bladder.stl is a mesh or a surface; a region is a label image" in capsys.readouterr().err
+
+
+def test_what_a_label_leaves_open_is_a_warning_of_the_command(folder, tmp_path, capsys):
+    label = read_image(folder / "labels.nii.gz")
+    path = tmp_path / "labels.nii"
+    write_image(label, path)
+    content = bytearray(path.read_bytes())
+    # Its pixdim, which is not what its sform says.
+    content[80:84] = struct.pack("<f", 1.0)
+    path.write_bytes(content)
+    words = ["--organ", "bladder", "--region", path, "--label", "5", "--output", tmp_path / "out"]
+    assert fit(folder, *words) == 0
+    assert f"bladder: warning: {path}: its sform has voxels of 3 x 3 x 3 mm, its pixdim says" in capsys.readouterr().err

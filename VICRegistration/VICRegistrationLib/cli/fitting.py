@@ -101,7 +101,7 @@ def fit_to_folder(
         restored_organs(stored, [request.name for request in requests], image)
     failed: dict[str, str] = {}
     stacks = further_stacks(requests, say, warn)
-    organs = _fitted_organs(image, requests, stacks, failed, say, keep_going=on_failure is not None)
+    organs = _fitted_organs(image, requests, stacks, failed, say, warn, keep_going=on_failure is not None)
     for organ in organs:
         print_outcome(organ, image, say, warn, step=step)
     for name, sentence in failed.items():
@@ -201,41 +201,58 @@ def _fitted_organs(
     stacks: Mapping[str, Stack],
     failed: dict[str, str],
     say: Callable[[str], None],
+    warn: Callable[[str], None],
     *,
     keep_going: bool,
 ) -> tuple[FittedOrgan, ...]:
     """Separate all organs, then fit all of them; what fails goes into `failed`, or is an error."""
-    separated, organs = [], []
-    for request in requests:
-        try:
-            separated.append((request, *separated_organ(image, request, say)))
-        except ValueError as error:
-            failed[request.name] = str(error)
+    organs = []
+    separated = separated_organs(image, requests, failed, say, warn)
     if failed and not (keep_going and separated):
-        raise ValueError(_all_of(failed))
+        raise ValueError(all_of(failed))
     for request, region, seconds in separated:
         try:
             organs.append(_fitted(image, request, region, [stacks[path] for path in request.also], seconds, say))
         except ValueError as error:
             failed[request.name] = str(error)
             if not keep_going:
-                raise ValueError(_all_of(failed)) from error
+                raise ValueError(all_of(failed)) from error
     if not organs:
-        raise ValueError(_all_of(failed))
+        raise ValueError(all_of(failed))
     return tuple(organs)
 
 
-def _all_of(failed: Mapping[str, str]) -> str:
+def all_of(failed: Mapping[str, str]) -> str:
+    """Put the sentences about several organs into one, each with the organ's name."""
     return " ".join(f"{name}: {sentence}" for name, sentence in failed.items())
 
 
-def separated_organ(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
+def separated_organs(
+    image: Image,
+    requests: Sequence[OrganRequest],
+    failed: dict[str, str],
+    say: Callable[[str], None],
+    warn: Callable[[str], None],
+) -> list[tuple[OrganRequest, Region, float]]:
+    """Separate all organs, each with how long it took, s; what fails goes into `failed`."""
+    separated = []
+    for request in requests:
+        try:
+            separated.append((request, *_separated(image, request, say, warn)))
+        except ValueError as error:
+            failed[request.name] = str(error)
+    return separated
+
+
+def _separated(
+    image: Image, request: OrganRequest, say: Callable[[str], None], warn: Callable[[str], None]
+) -> tuple[Region, float]:
     """Separate one organ, or take it from a label image; returns the region and how long it took, s."""
     options = request.options
     start = time.perf_counter()
     check_request(image, request)
     if request.region is not None:
-        return _from_label(image, request, say)
+        return _from_label(image, request, say, warn)
     region = separate(
         image, request.seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation
     )
@@ -245,7 +262,9 @@ def separated_organ(image: Image, request: OrganRequest, say: Callable[[str], No
     return region, seconds
 
 
-def _from_label(image: Image, request: OrganRequest, say: Callable[[str], None]) -> tuple[Region, float]:
+def _from_label(
+    image: Image, request: OrganRequest, say: Callable[[str], None], warn: Callable[[str], None]
+) -> tuple[Region, float]:
     """Take one organ from a label image; returns the region and how long it took, s."""
     start = time.perf_counter()
     if Path(request.region).suffix.lower() in _SURFACES:
@@ -254,7 +273,10 @@ def _from_label(image: Image, request: OrganRequest, say: Callable[[str], None])
             "3D Slicer (.seg.nrrd), or seeds."
         )
         raise ValueError(msg)
-    label, segment = read_label(request.region, request.label, organ=request.name)
+    notes: list[str] = []
+    label, segment = read_label(request.region, request.label, organ=request.name, warn=notes.append)
+    for note in notes:
+        warn(f"{request.name}: warning: {note}")
     try:
         region = region_from_label(image, label)
     except ValueError as error:

@@ -22,12 +22,13 @@ from .configuration import OrganRequest, files_of, read_requests
 from .console import argument, line_printer
 from .fitting import (
     StageLines,
+    all_of,
     checked_folder,
     further_stacks,
     loaded_image,
     print_motions,
     print_outcome,
-    separated_organ,
+    separated_organs,
 )
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
@@ -112,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
     if pictures:
         restored_organs(stored, [request.name for request in requests], image)
     stacks = further_stacks(requests, say, warn)
-    fit, organs = _fitted(image, model, requests, landmarks, stacks, say)
+    fit, organs = _fitted(image, model, requests, landmarks, stacks, say, warn)
     for organ in organs:
         print_outcome(organ, image, say, warn, step=False)
     for diagnostic in fit.diagnostics:
@@ -145,18 +146,22 @@ def _fitted(
     landmarks: Mapping[str, np.ndarray],
     stacks: Mapping[str, Stack],
     say: Callable[[str], None],
+    warn: Callable[[str], None],
 ) -> tuple[ModelFit, list[FittedOrgan]]:
     """Separate the organs, and fit the model to them."""
-    separated = {request.name: separated_organ(image, request, say) for request in requests}
-    regions = {name: region for name, (region, _) in separated.items()}
+    failed: dict[str, str] = {}
+    separated = separated_organs(image, requests, failed, say, warn)
+    if failed:
+        raise ValueError(all_of(failed))
+    regions = {request.name: region for request, region, _ in separated}
     options = {request.name: request.options for request in requests}
     further = {request.name: [stacks[path] for path in request.also] for request in requests}
     lines = StageLines("model", say)
     fit = finish(fit_model(image, model, regions, options, landmarks=landmarks, further=further), on_step=lines)
     lines.end()
     organs = []
-    for request in requests:
-        found, seconds = fit.organs[request.name], separated[request.name][1]
+    for request, _, seconds in separated:
+        found = fit.organs[request.name]
         print_motions(request.name, found.stacks, say)
         whole = seconds + found.seconds
         organs.append(FittedOrgan(request.name, found, request.seeds, whole, seconds, asked=request.options))

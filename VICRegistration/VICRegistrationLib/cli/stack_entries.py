@@ -101,7 +101,8 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
     why, (path, choice) = entry["reason"], stack_place(entry["file"])
     return StackUse(
         name=entry["file"],
-        image=read_image(path, **choice),
+        # What its file leaves open was reported by the run that used it.
+        image=read_image(path, warn=lambda note: None, **choice),
         reason=None if why is None else Diagnostic(why["code"], why["values"]),
         motion=np.array(entry["motion"]),
         center=np.array(entry["center"]),
