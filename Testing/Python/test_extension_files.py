@@ -170,6 +170,12 @@ def test_the_architecture_names_every_package():
     assert named == {path.parent.name for path in LIBRARY.glob("*/__init__.py")}
 
 
+def test_every_picture_is_on_a_page():
+    pages = "".join(path.read_text(encoding="utf-8") for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+    pictures = {path.name for path in (ROOT / "Resources").rglob("*.png")} - {path.name for path in ICONS}
+    assert {name for name in pictures if f"/{name}" not in pages} == set()
+
+
 @pytest.mark.parametrize(
     ("names", "packages"), [(SLICER_NAMES, {"mrml", "gui"}), ({"qt", "ctk"}, {"gui"})], ids=["Slicer", "Qt"]
 )
