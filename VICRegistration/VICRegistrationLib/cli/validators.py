@@ -10,7 +10,7 @@ def point(value: object) -> tuple[float, float, float]:
     parts = value.split(",") if isinstance(value, str) else value
     numbers = [_number(part) for part in parts] if isinstance(parts, list) else []
     if len(numbers) != 3 or None in numbers:
-        msg = f"{value!r} was given; a point is three numbers R,A,S (mm)"
+        msg = f"{value!r} was given; a point is three numbers R,A,S in mm, with commas between them, such as -3,42,10"
         raise ValueError(msg)
     return tuple(numbers)
 
