@@ -221,6 +221,14 @@ def test_a_slice_that_is_damaged_is_named(tmp_path):
     assert f"The folder also holds files that are damaged and were left out (1): {third.name}." in message
 
 
+def test_folders_below_that_hold_slices_are_listed(tmp_path):
+    for name in ("sagittal", "axial"):
+        write_series(tmp_path / "study" / name, stack(positions()))
+    (tmp_path / "study" / "readme.txt").write_text("two series")
+    below = tmp_path / "study"
+    assert f"holds the slices themselves ({below / 'axial'}, {below / 'sagittal'}), or" in refusal(below)
+
+
 def test_slices_of_no_series_are_reported(tmp_path):
     folder = write_series(tmp_path / "series", [single(place, series="") for place in positions()])
     message = refusal(folder)

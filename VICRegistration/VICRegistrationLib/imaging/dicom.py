@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -42,8 +44,8 @@ _TELLING = {
 # What is no image of a patient, though it has pixels: segmentations.
 _SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 
-# So many names of files are listed.
-_LISTED = 3
+# So many names of files are listed, and so many folders are looked into for others.
+_LISTED, _MOST_FOLDERS = 3, 200
 
 Header = dict[str, str]
 Placed = tuple[np.ndarray, np.ndarray, list[str]]
@@ -164,9 +166,11 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
     for name, header in headers.items():
         found.setdefault(header[_SERIES], {})[name] = header
     if not found:
+        below = _folders_below(folder)
+        told = f" ({', '.join(map(str, below[:_LISTED]))}{', ...' * (len(below) > _LISTED)})" if below else ""
         msg = (
-            f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves, or give "
-            "the file of an image."
+            f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves{told}, or "
+            "give the file of an image."
         )
         raise ValueError(msg)
     if series is None and len(found) == 1:
@@ -183,6 +187,16 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
     reason = "" if series is None else f", and {len(matches) or 'none'} of them match '{series}'"
     listed = f"The folder {folder} holds {len(found)} DICOM series{reason}: {listing}"
     raise SeveralVolumes(listed, ". Choose one with --series (its UID, description or number).")
+
+
+def _folders_below(folder: Path) -> list[Path]:
+    """Folders below one in which the first file is a DICOM file, as archives export them."""
+    found = []
+    for root, _, names in itertools.islice(os.walk(folder), _MOST_FOLDERS):
+        first = next((path for path in sorted(Path(root, name) for name in names) if path.is_file()), None)
+        if first is not None and Path(root) != folder and is_dicom(first):
+            found.append(Path(root))
+    return sorted(found)
 
 
 def _header(name: str) -> Header:
