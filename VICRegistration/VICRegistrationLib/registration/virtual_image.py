@@ -24,8 +24,9 @@ PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.25, 1.2
 INSIDE_PROBES = PROBE_DEPTHS < 0.0
 OUTSIDE_PROBES = ~INSIDE_PROBES
 
-# Standard deviation of the smoothing of levels over neighbours, as a fraction of the surface's parameter range. Half and
-# twice of it change the mean distances of the demo's organs by 0.005 mm and of seven real bladders by 0.025 mm at most.
+# Standard deviation of the smoothing of levels over neighbours, as a fraction of the surface's parameter range. Half of
+# it and twice as much change the mean distances of the demo's organs by 0.005 mm and of seven real bladders by 0.025 mm
+# at most.
 _SMOOTHING = 0.1
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1.
 _PRIOR = 0.05
