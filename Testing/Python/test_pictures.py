@@ -182,6 +182,18 @@ def test_an_oblique_image_is_shown_along_its_own_axes(order):
             np.testing.assert_allclose(end(after[1], axis=0), end(before[1], axis=0), atol=0.1)
 
 
+def test_planes_of_a_stack_are_where_it_shows_the_surface():
+    surface = closed_organ(axes=np.diag([10.0, 10.0, 30.0]), center=(0.0, 0.0, 0.0))
+    matrix = np.diag([-1.0, -1.0, 4.0, 1.0])
+    matrix[:3, 3] = 30.0, 30.0, -40.0
+    # Its last slice is at -4 mm.
+    stack = Image(np.zeros((10, 60, 60), np.float32), matrix)
+    views = views_in_own_plane(stack, triangulate(surface))
+    places = [view.center[2] for view in views]
+    np.testing.assert_allclose(places, -30.0 + 26.0 * np.array([0.25, 0.5, 0.75]), atol=0.3)
+    assert not any(slice_of(Sampler(stack), view).mask.all() for view in views)
+
+
 def test_every_point_is_in_a_slice_and_hollow_where_it_is_beside_it(image, fit):
     # In all planes; in none, nearest to the coronal one; and 4 mm in front of it, which is far.
     points = CENTER + np.array([[0.0, 0.0, 0.0], [8.0, 4.0, 9.0], [-6.0, 5.0, -9.0]])

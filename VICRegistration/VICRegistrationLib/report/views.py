@@ -219,7 +219,7 @@ def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
     Returns
     -------
     list of View
-        At a quarter, a half and three quarters of the surface's extent across the slices.
+        At a quarter, a half and three quarters of what the image shows of the surface across its slices.
     """
     orientations = orientations_of(image)
     grid = image.canonical()
@@ -227,10 +227,14 @@ def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
     number = next(number for number, each in enumerate(ORIENTATIONS) if each.axis == thickest)
     low, high = (ends[0] for ends in _extents([mesh], orientations))
     half_width = float((high - low).max()) / 2.0 + _MARGIN_MM
+    ends = np.tile((grid.size - 1) / 2.0, (2, 1))
+    ends[:, thickest] = 0.0, grid.size[thickest] - 1.0
+    slices = grid.to_ras(ends) @ orientations[number].across
+    first, last = max(low[number], slices.min()), min(high[number], slices.max())
     views = []
     for share in (0.25, 0.5, 0.75):
         place = (low + high) / 2.0
-        place[number] = low[number] + share * (high[number] - low[number])
+        place[number] = first + share * (last - first)
         views.append(_view(orientations, orientations[number], place, half_width))
     return views
 
