@@ -58,6 +58,17 @@ def test_a_level_is_taken_away_and_all_before_it_stays():
     assert np.abs(even.array[deep] - LUMEN).max() < 20.0
 
 
+def test_a_region_is_continued_behind_a_level_alone():
+    image, inside, behind = ball()
+    before = before_the_level(image, ndimage.binary_erosion(inside), behind)
+    further = region_from_mask(image, ndimage.binary_dilation(inside))
+    whole = find_fluid_level(image, before).joined(image, before, further)
+    found = np.zeros(inside.shape, dtype=bool)
+    found[tuple(slice(first, first + size) for first, size in zip(whole.offset, whole.mask.shape))] = whole.mask
+    np.testing.assert_array_equal(found[behind < -9.0], ndimage.binary_erosion(inside)[behind < -9.0])
+    np.testing.assert_array_equal(found[behind > 1.0], ndimage.binary_dilation(inside)[behind > 1.0])
+
+
 @pytest.mark.parametrize(
     "how",
     [{"degrees": 9.0}, {"bulge": 3.0}, {"bulge": -3.0}, {"layer": LUMEN}],

@@ -7,13 +7,13 @@ horizontal, and the image is as even behind it as before it.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from ..imaging.image import Image, patient_side
-from ..imaging.region import Region
+from ..imaging.region import Region, region_from_mask
 from ..imaging.sampling import Sampler
 from .edge_support import edge_strengths
 from .star_surface import Star
@@ -82,23 +82,44 @@ class FluidLevel:
         -------
         Image
         """
-        k, j, i = np.ogrid[tuple(map(slice, image.array.shape))]
-        weights = self.sign * np.array([-self.plane[0], 1.0, -self.plane[1]]) @ image.ijk_to_ras[:3]
-        heights = weights[0] * i + weights[1] * j + weights[2] * k + (weights[3] - self.sign * self.plane[2])
+        heights = self._heights_of(image)
         added = np.where(_EDGE, self.levels[_BEFORE].mean() - self.levels, 0.0)
         added[_DEPTHS > 2.0] = self.levels[_BEFORE].mean() - self.levels[_BEHIND].mean()
         array = image.array + np.where(heights > 0.0, added[-1], 0.0)
         near = np.abs(heights) < self.heights[_EDGE][-1]
         array[near] = image.array[near] + np.interp(heights[near], self.heights, added)
-        return Image(array.astype(np.float32), image.ijk_to_ras)
+        return Image(array, image.ijk_to_ras)
+
+    def joined(self, image: Image, region: Region, further: Region) -> Region:
+        """Join a region before the level with another one behind it, and with what that has beside the level.
+
+        Parameters
+        ----------
+        image : Image
+            On whose grid both lie.
+        region, further : Region
+
+        Returns
+        -------
+        Region
+            With threshold, erosion and diagnostics of the first one.
+        """
+        mask = np.zeros(image.array.shape, dtype=bool)
+        for part in (region, further):
+            heights = self._heights_of(part.image)
+            used = heights < 0.0 if part is region else heights > self.heights[0]
+            mask[tuple(slice(first, first + size) for first, size in zip(part.offset, part.mask.shape))] |= (
+                part.mask & used
+            )
+        whole = region_from_mask(image, mask, largest_component=True)
+        return replace(whole, threshold=region.threshold, erosion=region.erosion, diagnostics=region.diagnostics)
 
     def layer_ml(self, region: Region) -> float:
         """Volume of the part of a region behind the level, ml."""
-        points = region.image.to_ras(np.argwhere(region.mask)[:, ::-1].astype(float))
-        behind = self.sign * _over(points, self.plane) > 0.0
+        behind = region.mask & (self._heights_of(region.image) > 0.0)
         return float(np.count_nonzero(behind)) * region.image.voxel_volume / 1000.0
 
-    def continues(self, region: Region) -> bool:
+    def is_passed_by(self, region: Region) -> bool:
         """Whether a region goes on behind the level, by more than a wall is thick."""
         deeper = self.places + np.array([0.0, self.sign * _DEEP_MM, 0.0])
         voxels = np.rint(region.image.to_ijk(deeper)[:, ::-1]).astype(int)
@@ -110,6 +131,12 @@ class FluidLevel:
         places, strengths = edge_strengths(image, region, star)
         behind = self.sign * _over(places, self.plane) > _DEEP_MM
         return float(strengths[behind].mean()) if behind.any() else 0.0
+
+    def _heights_of(self, image: Image) -> np.ndarray:
+        """Heights of an image's voxels, mm."""
+        k, j, i = np.ogrid[tuple(map(slice, image.array.shape))]
+        weights = self.sign * np.array([-self.plane[0], 1.0, -self.plane[1]]) @ image.ijk_to_ras[:3]
+        return weights[0] * i + weights[1] * j + weights[2] * k + (weights[3] - self.sign * self.plane[2])
 
 
 def find_fluid_level(image: Image, region: Region) -> FluidLevel | None:

@@ -42,7 +42,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
     The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
     and where the first has leaked; else the first. Where the region ends at the level between two fluids
-    (`find_fluid_level`), the organ is separated once more, with both.
+    (`find_fluid_level`), it is continued by the layer behind that.
 
     Parameters
     ----------
@@ -98,20 +98,22 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
 
 
 def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> Region:
-    """Separate an organ again where its region ends at a level between two fluids, with the layer behind it."""
+    """Continue a region that ends at a level between two fluids by the layer behind it.
+
+    Without the contrast at the level, limits of grey levels along an organ leak, so it is done by the organ's shape.
+    """
     level = find_fluid_level(image, region)
     if level is None:
         return region
     even = level.removed_from(image)
-    try:
-        whole = _chosen(even, seeds, fill)
-    except ValueError:
-        whole = region
+    star = find_star(even, seeds)
+    shaped = star_region(even, star, fill=fill)
     values = {"area_cm2": level.area_cm2, "side": level.side}
-    if level.continues(whole) and level.support_behind(even, whole, find_star(even, seeds)) > _LEAST_SUPPORT:
-        found = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
-        return replace(whole, diagnostics=(*whole.diagnostics, found))
-    return replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
+    if shaped is None or not level.is_passed_by(shaped) or level.support_behind(even, shaped, star) < _LEAST_SUPPORT:
+        return replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
+    whole = _better(even, level.joined(image, region, shaped), shaped, star)
+    found = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
+    return replace(whole, diagnostics=(*whole.diagnostics, found))
 
 
 def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
@@ -132,6 +134,11 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star):
             raise refused
         return shaped
+    return _better(image, grown, shaped, star)
+
+
+def _better(image: Image, grown: Region, shaped: Region, star: Star) -> Region:
+    """Choose the region that the image supports better."""
     # A leak has edges too, at other tissue.
     leaked = bool(grown.diagnostics) and edge_support(image, shaped, star) >= _LEAST_SUPPORT
     less = np.subtract(*(area_without_edge(image, region, star) for region in (grown, shaped)))
