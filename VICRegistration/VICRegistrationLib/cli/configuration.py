@@ -215,7 +215,7 @@ def _entries(content: object, path: Path) -> list:
         raise ValueError(msg)
     organs = content.get("organs")
     if not isinstance(organs, list) or not organs:
-        msg = f"The configuration {path} lists no organs; give at least one under 'organs'."
+        msg = f"The configuration {path} lists no organs; give a list of one or more under 'organs'."
         raise ValueError(msg)
     return organs
 
