@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.segmentation import star_region as star_regions
 from VICRegistrationLib.segmentation.edge_support import agreement, area_without_edge, edge_support
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.sphere import cheapest_radii, sphere
-from VICRegistrationLib.segmentation.star_region import star_region
+from VICRegistrationLib.segmentation.star_region import shaped_region, star_region
 from VICRegistrationLib.segmentation.star_surface import find_star
 
 RADIUS, WALL_MM = 20.0, 3.0
@@ -237,3 +240,43 @@ def test_a_shape_passes_the_places_that_are_known_of_its_wall():
     outer = find_star(image, np.zeros(3), wall)
     at_wall = (outer.directions @ wall.T / RADIUS).argmax(axis=0)
     np.testing.assert_allclose(outer.lengths[at_wall], RADIUS, atol=1.0)
+
+
+@pytest.fixture(scope="module")
+def cut_ball():
+    """A ball that the volume cuts in its middle."""
+    radius = np.linalg.norm(places(), axis=0)[HALF:]
+    image = image_of(np.where(radius < RADIUS, 150.0, np.where(radius < RADIUS + WALL_MM, 30.0, 110.0)))
+    return image, radius < RADIUS, np.array([0.0, 0.0, 6.0 - HALF])
+
+
+@pytest.mark.parametrize("wrong", [1.25, 0.7])
+def test_where_the_volume_cuts_an_organ_the_shape_with_less_boundary_without_an_edge_is_taken(
+    cut_ball, monkeypatch, wrong
+):
+    image, truth, seed = cut_ball
+    right = find_star(image, seed)
+    assert right.cut.any()
+    for first in (True, False):
+        stars = [right, replace(right, lengths=wrong * right.lengths)][:: 1 if first else -1]
+        monkeypatch.setattr(star_regions, "find_star", lambda *_, stars=stars, **__: stars.pop())
+        region, star = shaped_region(image, seed)
+        assert star is right
+        assert dice(region, truth) > 0.97
+        assert not stars
+
+
+def test_an_organ_that_the_volume_does_not_cut_is_looked_for_once(ball, monkeypatch):
+    image, truth = ball
+    weights = []
+    monkeypatch.setattr(
+        star_regions, "find_star", lambda *given, ends: weights.append(ends) or find_star(*given, ends=ends)
+    )
+    region, _ = shaped_region(image, np.zeros(3))
+    assert dice(region, truth) > 0.98
+    assert len(weights) == 1
+
+
+def test_a_shape_that_does_not_hold_the_seeds_is_none(cut_ball):
+    image, _, seed = cut_ball
+    assert shaped_region(image, np.array([seed, [0.0, 0.0, 25.0 - HALF], [28.0, 28.0, 25.0 - HALF]])) is None

@@ -5,21 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from ..imaging.image import Image, as_image
 from ..imaging.region import Region
 from ..messages import Diagnostic
-from .checks import TooLarge, check_scale, fills_volume
+from .checks import TooLarge, check_scale
 from .edge_support import agreement, area_without_edge, edge_support
 from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
-from .ray_origins import CLICK_MM
 from .remedies import remedy
 from .seeds import checked_seeds
-from .star_region import star_region
-from .star_surface import Star, find_star
+from .star_region import shaped_region
+from .star_surface import Star
 
 # Below this Dice coefficient, two regions are not the same organ: one has leaked, is a fragment, or is bent.
 _SAME_ORGAN = 0.85
@@ -39,7 +37,7 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
 
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
-    the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`star_region`).
+    the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`shaped_region`).
     The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
     and where the first has leaked; else the first. Where the region ends at the level between two fluids
     (`find_fluid_level`), it is continued by the layer behind that.
@@ -106,14 +104,17 @@ def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> 
     if level is None:
         return region
     even = level.removed_from(image)
-    star = find_star(even, seeds)
-    shaped = star_region(even, star, fill=fill)
     values = {"area_cm2": level.area_cm2, "side": level.side}
-    if shaped is None or not level.is_passed_by(shaped) or level.support_behind(even, shaped, star) < _LEAST_SUPPORT:
-        return replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
+    ends = replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
+    found = shaped_region(even, seeds, fill=fill)
+    if found is None:
+        return ends
+    shaped, star = found
+    if not level.is_passed_by(shaped) or level.support_behind(even, shaped, star) < _LEAST_SUPPORT:
+        return ends
     whole = _better(even, level.joined(image, region, shaped), shaped, star)
-    found = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
-    return replace(whole, diagnostics=(*whole.diagnostics, found))
+    included = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
+    return replace(whole, diagnostics=(*whole.diagnostics, included))
 
 
 def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
@@ -122,14 +123,12 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         grown, refused = grown_region(image, seeds, fill=fill), None
     except ValueError as error:
         grown, refused = None, error
-    star = find_star(image, seeds)
-    shaped = star_region(image, star, fill=fill)
-    if shaped is not None and (fills_volume(image, shaped) or not _holds(shaped, seeds)):
-        shaped = None
-    if shaped is None:
+    found = shaped_region(image, seeds, fill=fill)
+    if found is None:
         if refused is not None:
             raise refused
         return grown
+    shaped, star = found
     if grown is None:
         if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star):
             raise refused
@@ -153,11 +152,3 @@ def _better(image: Image, grown: Region, shaped: Region, star: Star) -> Region:
 def _is_noise(image: Image, seeds: np.ndarray, star: Star) -> bool:
     """Whether what differs around the seeds differs by no more than noise does."""
     return star.contrast < _NOISE * float(levels_at(image, seeds, star.contrast)[1].max())
-
-
-def _holds(region: Region, seeds: np.ndarray) -> bool:
-    """Whether all seeds lie in a region, or as near to it as a click may be off."""
-    outside = ndimage.distance_transform_edt(~np.pad(region.mask, 1), sampling=region.spacing[::-1])
-    places = np.rint(region.image.to_ijk(seeds)[:, ::-1]).astype(int) + 1
-    within = np.all((places >= 0) & (places < outside.shape), axis=1)
-    return bool(within.all() and (outside[tuple(places.T)] <= CLICK_MM).all())

@@ -38,8 +38,9 @@ STEP_SHARE = 0.4
 # Change of the grey level from sample to sample that is shading, in shares of the contrast, or noise.
 _SLOW, _NOISE = 0.06, 2.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
-# to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1.
-_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.5
+# to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
+# 0.2 to 0.55 in a bladder that is cut twice (IM0228): with less the surface stops at dark urine, with more it leaks.
+_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.35
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
 _MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
@@ -111,7 +112,7 @@ class Star:
         return (self.strengths > AN_EDGE) & ~self.cut
 
 
-def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -> Star:
+def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None, *, ends: float = 1.0) -> Star:
     """Find the star-shaped surface of least cost around a place.
 
     Parameters
@@ -122,6 +123,8 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
         left for one that does not.
     wall : (n, 3) ndarray, optional
         Places that the surface has to pass, RAS mm.
+    ends : float
+        The volume's end weighs so many times what it does by default.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     """
     seeds = np.atleast_2d(seeds)
     seed = seeds.mean(axis=0)
-    search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
+    search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall, ends * _END)
     looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
     better = min(looks, key=lambda star: star.cost)
     star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
@@ -180,10 +183,13 @@ def _around(image: Image, seed: np.ndarray) -> Image:
 
 
 class _Search:
-    """Looks for a surface around places (m, 3) in an image, through places of the wall (n, 3) that are known."""
+    """Looks for a surface around places (m, 3) in an image, through places of the wall (n, 3) that are known.
 
-    def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray):
-        self.image, self.seeds, self.wall = image, seeds, wall
+    `end` is the weight of the volume's end.
+    """
+
+    def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray, end: float):
+        self.image, self.seeds, self.wall, self.end = image, seeds, wall, end
         self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
@@ -192,7 +198,7 @@ class _Search:
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
-        costs, strengths = rays.costs(falls, self.wall)
+        costs, strengths = rays.costs(falls, self.wall, self.end)
         return rays.star(falls, _chosen(costs, radii), costs, strengths)
 
     def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
@@ -232,7 +238,7 @@ class _Search:
         inner = int(np.ceil(lengths.max() / _STEP_MM))
         steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
         rays = self.rays(star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
-        costs, strengths = rays.costs(star.falls, self.wall)
+        costs, strengths = rays.costs(star.falls, self.wall, self.end)
         near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
         slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
         places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
@@ -258,15 +264,15 @@ class _Rays:
         """Unit of the steps."""
         return contrast_of(self.levels, self.valid, self.radii)
 
-    def costs(self, falls: bool, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def costs(self, falls: bool, wall: np.ndarray, end: float) -> tuple[np.ndarray, np.ndarray]:
         """Cost of every sample, and how much of an edge there is, where the level falls or rises."""
         levels = self.levels if falls else -self.levels
         crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast, self.widths)
         crossed += _RISEN * _risen(levels, self.contrast, self.widths)
         strengths = _strengths(levels, self.contrast, self.widths)
         last = np.maximum(self.valid.sum(axis=1) - 1, 0)[:, None]
-        end = np.take_along_axis(crossed, last, axis=1) - _END
-        return np.where(self.valid, crossed - strengths, end) + self._missed(wall), strengths
+        ends = np.take_along_axis(crossed, last, axis=1) - end
+        return np.where(self.valid, crossed - strengths, ends) + self._missed(wall), strengths
 
     def _missed(self, wall: np.ndarray) -> np.ndarray:
         """Cost of missing known places of the wall: that of every sample of the rays next to them, (n, m)."""
