@@ -29,7 +29,8 @@ _HUBER = 2.0
 # Scaled median absolute deviation of a normal distribution.
 _MAD = 1.4826
 _SMALLEST_SCALE = 0.02
-# How much stronger the anchor is at most where the surface has a weak edge.
+# How much stronger the anchor is at most where the surface has a weak edge. Half and twice of it change the mean
+# distances of the demo's organs and of four real bladders by 0.003 mm at most.
 _STRONGEST_ANCHOR = 20.0
 
 

@@ -21,7 +21,8 @@ from .stack_view import View
 from .stages import Stage
 from .virtual_image import IntensityProfile, VirtualImage
 
-# Surroundings of the region that the model may start in, mm.
+# Surroundings of the region that the model may start in, mm. Half and twice of it change the mean distances of the
+# demo's organs and of four real bladders by 0.014 mm at most: the grid of the region's distances changes with it.
 REGION_MARGIN_MM = 10.0
 # Weights against sliding within the surface and against leaving the separated region, where 1 is about the weight of a
 # sharp edge: tried 0.01 to 0.2 on phantoms and real bladders. More keeps the surface from its edge, less lets control
@@ -33,12 +34,13 @@ ANCHOR = 0.05
 # less lets the terraces, more cuts the organ's corners.
 REGION_BENDING = 0.3
 # A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
-# region, which the grey levels will correct anyway.
+# region, which the grey levels will correct anyway. Half and twice of both change these distances by 0.006 mm at most;
+# twice of the first saves 15 % of the iterations.
 COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
 # Largest displacement of a control point at which the surface has come to its boundary points, mm.
 BOUNDARY_TOLERANCE = 0.02
-# Smoothness before the noise is known.
+# Smoothness before the noise is known. Half and twice of it change these distances by 0.002 mm at most.
 SMOOTHNESS_TO_START = 1e-5
 # Within how many pixels of a surface partial volumes of another one are taken, on the grey levels, coarse and fine.
 # Half and twice of the first change no mean distance of the demo and of three real bladders. The second has no plateau
