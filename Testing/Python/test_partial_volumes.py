@@ -64,8 +64,10 @@ def test_a_true_surface_has_no_residual_in_its_own_image(spacing, turn, deviatio
 def test_the_order_of_the_axes_changes_nothing():
     image = painted((1.0, 1.0, 4.0))
     axes, depths = SampleGrid.on(ORGAN, (24, 12)).axes, np.linspace(-2.0, 2.0, 5)
-    expected = PartialVolumes(image).along(ORGAN, axes, depths, within=0.1)
-    turned = PartialVolumes(reordered(image, (2, 0, 1), (True, False, True))).along(ORGAN, axes, depths, within=0.1)
+    expected = PartialVolumes(image).along(ORGAN, axes, depths, within=0.1).inside
+    turned = (
+        PartialVolumes(reordered(image, (2, 0, 1), (True, False, True))).along(ORGAN, axes, depths, within=0.1).inside
+    )
     np.testing.assert_allclose(turned, expected, atol=1e-9)
 
 
@@ -74,17 +76,17 @@ def test_partial_volumes_are_kept_for_surfaces_near_by_and_move_along_with_them(
     volumes = PartialVolumes(image)
     grid = SampleGrid.on(ORGAN, (24, 12))
     depths = np.linspace(-2.0, 2.0, 5)
-    first = volumes.along(ORGAN, grid.axes, depths, within=0.0)
+    first = volumes.along(ORGAN, grid.axes, depths, within=0.0).inside
     moved = ORGAN.with_control_net(ORGAN.control_net + [0.5, 0.0, 0.0])
     # Their root mean square distance along the normals is 0.4 mm.
-    np.testing.assert_array_equal(volumes.along(moved, grid.axes, depths, within=0.6), first)
-    assert np.abs(volumes.along(moved, grid.axes, depths, within=0.1) - first).max() > 0.01
+    np.testing.assert_array_equal(volumes.along(moved, grid.axes, depths, within=0.6).inside, first)
+    assert np.abs(volumes.along(moved, grid.axes, depths, within=0.1).inside - first).max() > 0.01
 
 
 def test_partial_volumes_are_blurred_as_the_image_is():
     axes, depths = SampleGrid.on(ORGAN, (24, 12)).axes, np.array([-1.0, 1.0])
     sharp, wide = (
-        PartialVolumes(painted((1.0, 1.0, 1.0), deviation)).along(ORGAN, axes, depths, within=0.1)
+        PartialVolumes(painted((1.0, 1.0, 1.0), deviation)).along(ORGAN, axes, depths, within=0.1).inside
         for deviation in (0.5, 0.8)
     )
     assert (sharp[:, 0] > wide[:, 0]).all()
@@ -94,6 +96,6 @@ def test_partial_volumes_are_blurred_as_the_image_is():
 def test_an_image_without_an_edge_gets_the_usual_blur():
     image = painted((1.0, 1.0, 4.0), 0.6)
     axes, depths = SampleGrid.on(ORGAN, (24, 12)).axes, np.array([-1.0, 1.0])
-    expected = PartialVolumes(image).along(ORGAN, axes, depths, within=0.1)
+    expected = PartialVolumes(image).along(ORGAN, axes, depths, within=0.1).inside
     even = Image(np.full(image.array.shape, 300.0), image.ijk_to_ras)
-    np.testing.assert_allclose(PartialVolumes(even).along(ORGAN, axes, depths, within=0.1), expected, atol=0.02)
+    np.testing.assert_allclose(PartialVolumes(even).along(ORGAN, axes, depths, within=0.1).inside, expected, atol=0.02)

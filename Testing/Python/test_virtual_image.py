@@ -12,6 +12,7 @@ from VICRegistrationLib.registration.virtual_image import (
     INSIDE_PROBES,
     PROBE_DEPTHS,
     IntensityProfile,
+    Shares,
     VirtualImage,
     cosine_ramp,
     linear_ramp,
@@ -205,9 +206,32 @@ def test_a_blur_as_wide_as_the_probes_reach_leaves_both_levels():
     np.testing.assert_allclose(outside, 150.0, atol=2.0)
 
 
+def with_wall(image, values, valid, wall=3.0):
+    """Levels of lines with a blur of 2 mm, as across thick slices."""
+    depths = image.probes(wall)
+    inside, behind = ndtr(-depths / 2.0), ndtr((depths - wall) / 2.0)
+    shares = Shares(np.tile(inside, (N, 1)), np.tile(behind, (N, 1)), wall)
+    greys = shares.all @ values
+    return image.levels(greys, np.full(greys.shape, valid), shares, NORMALS, AREA, SHAPE)
+
+
+@pytest.mark.parametrize("mode", ["local", "organ"])
+def test_levels_of_an_organ_its_thin_wall_and_what_lies_behind_it_are_told_apart(mode):
+    found = with_wall(virtual(880.0, 200.0, 2.0, mode=mode), np.array([900.0, 150.0, 550.0]), valid=True)
+    for level, expected in zip(found, (900.0, 150.0, 550.0)):
+        np.testing.assert_allclose(level, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["local", "organ"])
+def test_where_no_place_is_valid_the_expected_levels_remain_with_a_wall(mode):
+    found = with_wall(virtual(880.0, 200.0, 2.0, mode=mode), np.array([900.0, 150.0, 550.0]), valid=False)
+    for level, expected in zip(found, (880.0, 200.0, 200.0)):
+        np.testing.assert_allclose(level, expected)
+
+
 def test_without_partial_volumes_shares_are_those_of_the_ramp():
     axes, depths = (np.arange(3.0), np.arange(2.0)), np.array([-1.0, 0.0, 1.0])
-    shares = virtual(900.0, 100.0, 2.0).shares(closed_organ(), axes, depths)
+    shares = virtual(900.0, 100.0, 2.0).shares(closed_organ(), axes, depths).inside
     np.testing.assert_allclose(shares, np.tile([1.0, 0.5, 0.0], (6, 1)), atol=1e-15)
 
 
@@ -215,7 +239,9 @@ def test_the_published_profile_keeps_its_ramp():
     profile = IntensityProfile(900.0, 100.0, 2.0, centered=False)
     image = VirtualImage(profile, partial_volumes=lambda *arguments: np.zeros((6, 3)))
     axes, depths = (np.arange(3.0), np.arange(2.0)), np.array([0.0, 1.0, 2.0])
-    np.testing.assert_allclose(image.shares(closed_organ(), axes, depths), np.tile([1.0, 0.5, 0.0], (6, 1)), atol=1e-15)
+    np.testing.assert_allclose(
+        image.shares(closed_organ(), axes, depths).inside, np.tile([1.0, 0.5, 0.0], (6, 1)), atol=1e-15
+    )
 
 
 def test_without_a_voxel_all_lines_are_equally_sharp():

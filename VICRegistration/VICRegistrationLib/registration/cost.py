@@ -145,21 +145,26 @@ class Correlation:
         self._fresh = q.copy()
         frame, virtual = self.surface.frame(q), self.virtual
         if self._shares is None:
-            depths = np.concatenate([self.depths, virtual.probes])
-            shares = virtual.shares(self.parametrization.deform(q), self.surface.grid.axes, depths)
-            self._shares = np.split(shares, [len(self.depths)], axis=1)
+            surface, axes = self.parametrization.deform(q), self.surface.grid.axes
+            along_ramp = virtual.shares(surface, axes, self.depths)
+            self._shares = along_ramp, virtual.shares(surface, axes, virtual.probes(along_ramp.wall))
         along_ramp, at_probes = self._shares
         weight = frame.area if self.share is None else self.share * frame.area
         if virtual.adaptive:
-            probes = self.sampler.values(frame.along_normals(virtual.probes))
-            inside, outside = virtual.estimate(*probes, at_probes, frame.normals, frame.length, self.surface.grid.shape)
+            probes = self.sampler.values(frame.along_normals(virtual.probes(along_ramp.wall)))
+            inside, outside, behind = virtual.levels(
+                *probes, at_probes, frame.normals, frame.length, self.surface.grid.shape
+            )
             weight = weight * virtual.credibility(*probes, inside, outside)
         else:
-            inside, outside = (
-                np.full(len(frame.points), float(v)) for v in (virtual.profile.inside, virtual.profile.outside)
+            inside, outside, behind = (
+                np.full(len(frame.points), float(v))
+                for v in (virtual.profile.inside, virtual.profile.outside, virtual.profile.outside)
             )
         contrast = virtual.contrast(inside, outside, frame.length)
-        grey = outside[:, None] + (inside - outside)[:, None] * along_ramp
+        grey = outside[:, None] + (inside - outside)[:, None] * along_ramp.inside
+        if along_ramp.wall is not None:
+            grey += (behind - outside)[:, None] * along_ramp.behind
         self._fixed = _Fixed(inside - outside, grey, contrast, weight[:, None])
         if self.loss != "squares":
             samples = self.sample(q)

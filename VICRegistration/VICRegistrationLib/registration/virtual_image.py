@@ -23,6 +23,9 @@ LEVEL_MODES = ("local", "organ", "given")
 PROBE_DEPTHS = np.concatenate([np.linspace(-2.0, -1.0, 5), np.linspace(0.25, 1.25, 9)])
 INSIDE_PROBES = PROBE_DEPTHS < 0.0
 OUTSIDE_PROBES = ~INSIDE_PROBES
+# Where they are read off behind a wall, from its outer face, mm. From 0 to 1 mm change no mean distance of the demo's
+# organs in slices of 4 and 5 mm by more than 0.002 mm.
+_BEHIND_MM = np.linspace(0.25, 1.5, 6)
 
 # Standard deviation of the smoothing of levels over neighbours, as a fraction of the surface's parameter range. Half of
 # it and twice as much change the mean distances of the demo's organs by 0.005 mm and of seven real bladders by 0.025 mm
@@ -31,6 +34,8 @@ _SMOOTHING = 0.1
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1. Half and twice of it change the
 # same distances by 0.008 mm at most.
 _PRIOR = 0.05
+# Weight of the expected levels there, where nothing is seen of a level.
+_LAST_SAY = 1e-9
 # A grey level of which less than this share is of one side says nothing about it. With 0.01 to 0.3 the demo's organs
 # and seven real bladders have the same mean distances to 0.0001 mm. One of three hippocampi, fitted from its label, is
 # 0.4 or 0.7 mm off, by chance of the share; without any, its standard deviation is too small.
@@ -150,6 +155,29 @@ def _smoothing_matrix(n: int, sigma: float, mode: str) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
+class Shares:
+    """Shares of the levels that samples have, (n, m) ndarray from 0 to 1 each; the rest is that of the level outside.
+
+    Parameters
+    ----------
+    inside : ndarray
+    behind : ndarray, optional
+        Of what lies behind a wall that is thinner than a voxel is long.
+    wall : float, optional
+        Thickness of that wall, mm.
+    """
+
+    inside: np.ndarray
+    behind: np.ndarray | None = None
+    wall: float | None = None
+
+    @property
+    def all(self) -> np.ndarray:
+        """Shares of the levels inside, outside and behind, (n, m, 3); the second is the wall's."""
+        return np.stack([self.inside, 1.0 - self.inside - self.behind, self.behind], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
 class VirtualImage:
     """An intensity profile along a surface, and where its levels come from.
 
@@ -177,7 +205,7 @@ class VirtualImage:
     profile: IntensityProfile
     mode: str = "local"
     voxel: np.ndarray | None = None
-    partial_volumes: Callable[..., np.ndarray] | None = None
+    partial_volumes: Callable[..., Shares] | None = None
 
     def __post_init__(self) -> None:
         """Check the choices."""
@@ -196,13 +224,13 @@ class VirtualImage:
         """Whether the levels are estimated from the image."""
         return self.mode != "given"
 
-    @property
-    def probes(self) -> np.ndarray:
-        """Distances from the surface at which levels are read off the image, (m,) mm."""
-        return self.profile.width * (PROBE_DEPTHS + self.profile.middle)
+    def probes(self, wall: float | None = None) -> np.ndarray:
+        """Distances from the surface at which levels are read off the image, (m,) mm; behind a wall, so thick, too."""
+        probes = self.profile.width * (PROBE_DEPTHS + self.profile.middle)
+        return probes if wall is None else np.append(probes, wall + _BEHIND_MM)
 
-    def shares(self, surface: BSplineSurface, axes: tuple[np.ndarray, np.ndarray], depths: np.ndarray) -> np.ndarray:
-        """Share of the level inside along the normals of a surface.
+    def shares(self, surface: BSplineSurface, axes: tuple[np.ndarray, np.ndarray], depths: np.ndarray) -> Shares:
+        """Shares of the levels along the normals of a surface.
 
         Parameters
         ----------
@@ -214,12 +242,12 @@ class VirtualImage:
 
         Returns
         -------
-        (n_u * n_v, m) ndarray
-            From 0 to 1.
+        Shares
+            (n_u * n_v, m) each.
         """
         if self.partial_volumes is not None and self.profile.centered:
             return self.partial_volumes(surface, axes, depths)
-        return np.tile(self.profile.share(depths), (len(axes[0]) * len(axes[1]), 1))
+        return Shares(np.tile(self.profile.share(depths), (len(axes[0]) * len(axes[1]), 1)))
 
     def blur(self, normals: np.ndarray) -> np.ndarray:
         """Length of a voxel along unit normals (n, 3), in units of its shortest edge, (n,)."""
@@ -231,6 +259,23 @@ class VirtualImage:
         """One contrast for the organ, the unit of the residuals."""
         difference = np.average(np.abs(inside - outside), weights=area)
         return float(max(difference, _LEAST_CONTRAST * abs(self.profile.inside - self.profile.outside)))
+
+    def levels(self, values, valid, shares, normals, area, shape):
+        """Levels inside, outside and behind a wall on every normal line, (n,) each.
+
+        Parameters
+        ----------
+        values, valid : (n, m) ndarray
+            Grey levels at :meth:`probes`, and whether they lie in the volume.
+        shares : Shares
+            Of each of them.
+        normals, area, shape
+            As in :meth:`estimate`.
+        """
+        if shares.wall is not None:
+            return self.estimate_with_wall(values, valid, shares, normals, area, shape)
+        inside, outside = self.estimate(values, valid, shares.inside, normals, area, shape)
+        return inside, outside, outside
 
     def estimate(self, values, valid, shares, normals, area, shape):
         """Levels on every normal line from the grey levels along all of them.
@@ -274,6 +319,42 @@ class VirtualImage:
             outside = farthest.mean(axis=1)
         return inside, outside
 
+    def estimate_with_wall(self, values, valid, shares, normals, area, shape):
+        """Levels on every normal line where there is a wall that is thinner than a voxel is long.
+
+        Parameters
+        ----------
+        values, valid : (n, m) ndarray
+            Grey levels at :meth:`probes` with the wall, and whether they lie in the volume.
+        shares : Shares
+            That each of them has by the blur, behind the wall too.
+        normals, area, shape
+            As in :meth:`estimate`.
+
+        Returns
+        -------
+        inside, outside, behind : (n,) ndarray
+
+        Notes
+        -----
+        All three by least squares over each line's neighbourhood: across thick slices a voxel shows the organ, its wall
+        and what lies behind the wall at once.
+        """
+        levels = shares.all
+        # Levels of blurred lines depend most on how well the blur is known. The square and the fourth power change no
+        # mean distance of the demo's organs in slices of 4 and 5 mm by more than 0.005 mm.
+        weight = valid * (area / area.mean() / self.blur(normals) ** 3)[:, None]
+        weighted = weight[..., None] * levels
+        forms = np.einsum("nma,nmb->nab", weighted, levels).reshape(len(values), -1)
+        sums = np.concatenate([forms, np.einsum("nma,nm->na", weighted, values)], axis=1)
+        # The organ's mean has a say in each neighbourhood, and what is expected has the last one.
+        mean = sums.mean(axis=0)
+        sums = self._neighbourhood_sums(sums + _PRIOR * mean, shape) if self.mode == "local" else mean[None]
+        expected = np.array([self.profile.inside, self.profile.outside, self.profile.outside], dtype=float)
+        forms = sums[:, :9].reshape(-1, 3, 3) + _LAST_SAY * np.eye(3)
+        found = np.linalg.solve(forms, (sums[:, 9:] + _LAST_SAY * expected)[..., None])[..., 0]
+        return tuple(np.broadcast_to(found, (len(values), 3)).T)
+
     def credibility(self, values, valid, inside, outside) -> np.ndarray:
         """How much of the step between the levels each normal line shows itself, (n,) from 0 to 1.
 
@@ -293,6 +374,7 @@ class VirtualImage:
         A line without an edge has large residuals and only noise for a gradient: it would throw the surface about.
         """
         sides = []
+        values, valid = values[:, : len(PROBE_DEPTHS)], valid[:, : len(PROBE_DEPTHS)]
         for plateau in (INSIDE_PROBES, OUTSIDE_PROBES):
             count = valid[:, plateau].sum(axis=1)
             mean = np.where(valid[:, plateau], values[:, plateau], 0.0).sum(axis=1) / np.maximum(count, 1)
@@ -312,9 +394,12 @@ class VirtualImage:
         if self.mode == "organ":
             return np.broadcast_to(mean, values.shape)
         # Where all neighbours are blurred or outside of the volume, the organ's mean takes over.
+        parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
+        sums, weights = np.split(self._neighbourhood_sums(parts, shape), 2, axis=1)
+        return sums / weights
+
+    def _neighbourhood_sums(self, parts: np.ndarray, shape) -> np.ndarray:
+        """Add up numbers (n, k) over each line's neighbourhood."""
         along_u = _smoothing_matrix(shape[0], _SMOOTHING * shape[0], "wrap")
         along_v = _smoothing_matrix(shape[1], _SMOOTHING * shape[1], "nearest")
-        parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
-        sums = along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)
-        sums, weights = np.split(sums.reshape(len(values), -1), 2, axis=1)
-        return sums / weights
+        return (along_v @ (along_u @ parts.reshape(shape[0], -1)).reshape(*shape, -1)).reshape(len(parts), -1)

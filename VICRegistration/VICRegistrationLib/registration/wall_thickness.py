@@ -1,0 +1,96 @@
+"""How thick the wall of an organ is in an image."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.special import ndtr
+
+from ..geometry.surface import BSplineSurface
+from ..imaging.sampling import Sampler
+from .edge_width import blur_covariance
+
+# Normal lines (u, v) along which it is measured.
+_LINES = (32, 20)
+# Standard deviation of the neighbourhood over which grey levels are taken as equal, as a fraction of the parameters'
+# range. With 0.05 and 0.1 walls of the demo's organs are the same to 0.1 mm.
+_NEIGHBOURHOOD = 0.075
+# Samples from so many mm inside to so many beyond the thickest wall that is looked for; how many, and how many
+# thicknesses are tried.
+_INSIDE_MM, _BEYOND_MM, _SAMPLES, _TRIED = 2.0, 3.0, 20, 14
+# Least thickness, in widths of the edge. With 0.5 the demo's mean distances are the same to 0.001 mm.
+_LEAST_EDGE = 0.75
+
+
+def wall_thickness(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray, edge: float) -> float | None:
+    """Measure how thick the wall around an organ is, if it is thinner than a voxel is long.
+
+    Only then a voxel shows the organ and what lies behind its wall at once.
+
+    Parameters
+    ----------
+    sampler : Sampler
+        The grey levels, in the frame of the surface.
+    surface : BSplineSurface
+        Near the edge.
+    voxel : (3, 3) ndarray
+        Columns are the edges of a voxel, mm.
+    edge : float
+        Width of the edge, mm. A wall that is much thinner is not seen.
+
+    Returns
+    -------
+    float or None
+        mm; None where no such wall is seen, or no voxel is longer than the edge is wide.
+
+    Notes
+    -----
+    One thickness for the organ: that with the least sum of squares left when the grey levels along the normals are
+    those of the organ, of its wall and of what lies behind it, the last one with a slope, all blurred as voxels do.
+    The levels are found by least squares in each neighbourhood.
+    """
+    longest = float(np.linalg.norm(voxel, axis=0).max())
+    if longest <= edge:
+        return None
+    tried = np.linspace(_LEAST_EDGE * edge, longest + 0.5, _TRIED)
+    u, v = surface.midpoints(*_LINES)
+    points, normals = surface.points(u, v), surface.normals(u, v)
+    deviation = np.sqrt(np.einsum("na,ab,nb->n", normals, blur_covariance(voxel, edge), normals))[:, None]
+    depths = np.linspace(-_INSIDE_MM, longest + _BEYOND_MM, _SAMPLES)
+    values, valid = sampler.values(points[:, None] + depths[:, None] * normals[:, None])
+    if not valid.any():
+        return None
+    # Lines across thick slices show less of it.
+    weight = valid / (deviation / deviation.min()) ** 4
+    # About their mean, so that a constant added to an image changes nothing.
+    values = values - values[valid].mean()
+    left = np.array([_sum_left(values, weight, depths, deviation, each) for each in tried])
+    best = int(left.argmin())
+    if best in (0, len(tried) - 1):
+        return None
+    before, least, after = left[best - 1 : best + 2]
+    thickness = tried[best] + 0.5 * (tried[1] - tried[0]) * (before - after) / (before - 2.0 * least + after)
+    return float(thickness) if thickness < longest else None
+
+
+def _sum_left(
+    values: np.ndarray, weight: np.ndarray, depths: np.ndarray, deviation: np.ndarray, thickness: float
+) -> float:
+    """Sum of squares, weighted by (n, m), that a wall of a thickness leaves of the grey levels, (n, m)."""
+    inside, beyond = ndtr(-depths / deviation), (depths - thickness) / deviation
+    behind = ndtr(beyond)
+    slope = deviation * (beyond * behind + np.exp(-0.5 * beyond**2) / np.sqrt(2.0 * np.pi))
+    levels = np.stack([inside, 1.0 - inside - behind, behind, slope], axis=2)
+    weighted = weight[..., None] * levels
+    forms = _over_neighbours(np.einsum("nma,nmb->nab", weighted, levels).reshape(len(values), -1)).reshape(-1, 4, 4)
+    sums = _over_neighbours(np.einsum("nma,nm->na", weighted, values))
+    found = np.linalg.solve(forms + 1e-9 * np.eye(4), sums[..., None])
+    return float(np.vdot(weight, np.square(values - (levels @ found)[..., 0])))
+
+
+def _over_neighbours(numbers: np.ndarray) -> np.ndarray:
+    """Smooth numbers on all lines, (n, k), over their neighbours."""
+    grid = numbers.reshape(*_LINES, -1)
+    for axis, mode in enumerate(("wrap", "nearest")):
+        grid = ndimage.gaussian_filter1d(grid, _NEIGHBOURHOOD * _LINES[axis], axis=axis, mode=mode)
+    return grid.reshape(numbers.shape)
