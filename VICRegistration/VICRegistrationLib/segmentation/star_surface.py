@@ -5,6 +5,7 @@ It needs no limits of grey levels, and looks again from its own middle, so that 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -41,6 +42,10 @@ _SLOW, _NOISE = 0.06, 2.0
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
 # 0.2 to 0.55 in a bladder that is cut twice (IM0228): with less the surface stops at dark urine, with more it leaks.
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.35
+# That weight is tried so many times as large too: how much the end should weigh differs from image to image. In 62
+# bladders and changed ones the image chose the better of the two regions each time; with one weight alone, four were
+# worse by a Dice coefficient of 0.04 to 0.12.
+_TIMES = (1.4, 1.0)
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
 _MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
@@ -112,8 +117,8 @@ class Star:
         return (self.strengths > AN_EDGE) & ~self.cut
 
 
-def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None, *, ends: float = 1.0) -> Star:
-    """Find the star-shaped surface of least cost around a place.
+def find_stars(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -> Iterator[Star]:
+    """Find the star-shaped surfaces of least cost around a place: one for each weight of the volume's end.
 
     Parameters
     ----------
@@ -123,12 +128,12 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None, *
         left for one that does not.
     wall : (n, 3) ndarray, optional
         Places that the surface has to pass, RAS mm.
-    ends : float
-        The volume's end weighs so many times what it does by default.
 
-    Returns
-    -------
+    Yields
+    ------
     Star
+        For the largest weight first. A surface that the volume does not cut is the last one: with less weight it is
+        the same.
 
     Notes
     -----
@@ -138,12 +143,18 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None, *
     """
     seeds = np.atleast_2d(seeds)
     seed = seeds.mean(axis=0)
-    search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall, ends * _END)
-    looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
-    better = min(looks, key=lambda star: star.cost)
-    star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
-    return replace(star, inner=star.inner + level, outer=star.outer + level)
+    search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
+    signs = (True, False)
+    for times in _TIMES:
+        end = times * _END
+        looks = [search.again(search.look(seed, end, falls=falls), end, _FIRST_LOOKS - 1) for falls in signs]
+        better = min(looks, key=lambda star: star.cost)
+        star = search.closely(search.again(better, end, _LOOKS - _FIRST_LOOKS), end)
+        yield replace(star, inner=star.inner + level, outer=star.outer + level)
+        if not star.cut.any():
+            return
+        signs = (star.falls,)
 
 
 def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -185,20 +196,20 @@ def _around(image: Image, seed: np.ndarray) -> Image:
 class _Search:
     """Looks for a surface around places (m, 3) in an image, through places of the wall (n, 3) that are known.
 
-    `end` is the weight of the volume's end.
+    `end` is how much the volume's end weighs in a look.
     """
 
-    def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray, end: float):
-        self.image, self.seeds, self.wall, self.end = image, seeds, wall, end
+    def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray):
+        self.image, self.seeds, self.wall = image, seeds, wall
         self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
-    def look(self, center: np.ndarray, *, falls: bool) -> Star:
+    def look(self, center: np.ndarray, end: float, *, falls: bool) -> Star:
         """Look once, from a place, at all radii."""
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
-        costs, strengths = rays.costs(falls, self.wall, self.end)
+        costs, strengths = rays.costs(falls, self.wall, end)
         return rays.star(falls, _chosen(costs, radii), costs, strengths)
 
     def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
@@ -209,14 +220,14 @@ class _Search:
         widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
         return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
 
-    def again(self, star: Star, most: int) -> Star:
+    def again(self, star: Star, end: float, most: int) -> Star:
         """Look again from the middle of what was seen until it moves no more, so often at most."""
         image = self.image
         for _ in range(most):
             center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
             if np.linalg.norm(center - star.center) < _SETTLED_MM:
                 break
-            further = self.look(center, falls=star.falls)
+            further = self.look(center, end, falls=star.falls)
             if len(self.seeds) > 1 and self.holds(star) and not self.holds(further):
                 break
             star = further
@@ -229,7 +240,7 @@ class _Search:
         lengths = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
         return bool((distances <= lengths + _HELD_MM).all())
 
-    def closely(self, star: Star) -> Star:
+    def closely(self, star: Star, end: float) -> Star:
         """Look at more directions, near a surface that was found."""
         ball = sphere(_FINE)
         directions = ball.directions @ self.axes.T
@@ -238,7 +249,7 @@ class _Search:
         inner = int(np.ceil(lengths.max() / _STEP_MM))
         steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
         rays = self.rays(star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
-        costs, strengths = rays.costs(star.falls, self.wall, self.end)
+        costs, strengths = rays.costs(star.falls, self.wall, end)
         near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
         slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
         places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
