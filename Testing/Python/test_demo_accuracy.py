@@ -48,7 +48,7 @@ def test_an_organ_is_found_to_a_fraction_of_a_pixel(pelvis, other_noise, pelvis_
     assert fit.problems == ()
 
 
-@pytest.mark.parametrize(("pixel", "slices", "percent"), [(0.9, 2.0, 0.7), (0.7, 4.0, 0.7), (0.7, 5.0, 1.0)])
+@pytest.mark.parametrize(("pixel", "slices", "percent"), [(0.9, 2.0, 0.7), (0.7, 4.0, 0.7), (0.7, 5.0, 0.9)])
 def test_volumes_do_not_depend_on_the_voxels(pixel, slices, percent):
     errors = volume_errors(painted_with(pixel, slices))
     # Measured: -0.5 to 0.1 %, and up to -0.8 % in slices of 5 mm; +0.9 % there without the fat behind walls. With a
