@@ -80,6 +80,14 @@ def test_what_is_no_level_is_not_found(how):
     assert find_fluid_level(image, region_from_mask(image, inside)) is None
 
 
+@pytest.mark.parametrize("depth", [4, 8, 12])
+def test_the_flat_end_where_the_volume_cuts_an_organ_is_no_level(depth):
+    image, inside, _ = ball(depth=2.0 * RADIUS)
+    start = np.array([0, HALF - depth, 0])
+    cut = image.crop(start, image.array.shape)
+    assert find_fluid_level(cut, region_from_mask(cut, inside[:, start[1] :], largest_component=True)) is None
+
+
 def test_a_flat_and_horizontal_wall_is_no_level():
     image, inside, behind = ball()
     walled = np.where(behind > 5.0, TISSUE, np.where(behind > 0.0, WALL, image.array))

@@ -166,9 +166,11 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
     if area < _AREA_CM2:
         return None
     places, levels = columns.look(image, plane, core)
-    if len(levels):
-        plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
-        places, levels = columns.look(image, plane, core)
+    if not len(levels):
+        # The volume cuts the organ there.
+        return None
+    plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
+    places, levels = columns.look(image, plane, core)
     heights, crossed = _crossings(levels)
     if not crossed.any():
         return None
@@ -282,6 +284,8 @@ def _steepest(levels: np.ndarray) -> float:
 
 def _crossings(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Depths (n,) at which levels (n, m) are half-way between those before and behind, and where there is one."""
+    if not len(levels):
+        return np.zeros(0), np.zeros(0, dtype=bool)
     before, behind = levels[:, _BEFORE].mean(axis=1), levels[:, _BEHIND].mean(axis=1)
     sign = np.sign(np.median(before - behind))
     excess = sign * (levels - (before + behind)[:, None] / 2.0)[:, _EDGE]
