@@ -166,11 +166,12 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
     if area < _AREA_CM2:
         return None
     places, levels = columns.look(image, plane, core)
+    if len(levels):
+        plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
+        places, levels = columns.look(image, plane, core)
     if not len(levels):
-        # The volume cuts the organ there.
+        # The volume ends there.
         return None
-    plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
-    places, levels = columns.look(image, plane, core)
     heights, crossed = _crossings(levels)
     if not crossed.any():
         return None
@@ -190,8 +191,8 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
 class _Columns:
     """Where a region ends along columns of voxels towards one side.
 
-    `ends`, (p, q, 3), are RAS mm; `met`, (p, q), says which columns meet the region; `sizes`, (2,), are the distances
-    between columns, and `unit` that in which depths are given, mm.
+    `ends`, (p, q, 3), are RAS mm; `met`, (p, q), is true where a column meets the region. `sizes`, (2,), are the
+    distances between columns, and `unit` that in which depths are given, mm.
     """
 
     ends: np.ndarray
