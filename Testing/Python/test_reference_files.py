@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import subprocess
 import sys
 
 import numpy as np
@@ -18,6 +19,7 @@ from VICRegistrationLib.analysis.comparison import compare, distances_from
 from VICRegistrationLib.analysis.mirrored import mirrored
 from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
 from VICRegistrationLib.analysis.references import read_reference
+from VICRegistrationLib.export import mesh_to_vtp
 from VICRegistrationLib.export.mesh_files import write_mesh
 from VICRegistrationLib.export.surface_data import add_text
 from VICRegistrationLib.geometry.models import closed_organ
@@ -190,6 +192,24 @@ def test_in_slicer_its_python_reads(surface, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", "Slicer")
     assert depth(read_reference(path).reference) == pytest.approx(-8.0, abs=0.1)
     assert (tmp_path / "started").exists()
+
+
+def test_what_keeps_the_reading_process_from_its_work_is_no_damage(surface, tmp_path, monkeypatch):
+    path = tmp_path / "a.stl"
+    write_mesh(surface, path, name="a")
+    (tmp_path / "vtkmodules.py").write_text("raise ModuleNotFoundError('no VTK')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(OSError, match=r"a\.stl cannot be read, because the process .* failed \(.*no VTK"):
+        read_reference(path)
+
+
+def test_a_copy_that_cannot_be_written_is_reported(surface, tmp_path):
+    path = tmp_path / "a.stl"
+    write_mesh(surface, path, name="a")
+    command = [sys.executable, mesh_to_vtp.__file__, str(path), str(tmp_path / "missing" / "copy.vtp")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "copy.vtp cannot be written; is the disk full?" in done.stderr
 
 
 def test_polygons_of_points_that_are_not_there_are_refused(tmp_path):

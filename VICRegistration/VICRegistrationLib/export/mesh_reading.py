@@ -158,8 +158,14 @@ def _read(path: Path) -> vtkPolyData:
         command = [python, mesh_to_vtp.__file__, str(path), copy]
         # No window of a console where there is none (Windows).
         hidden = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), "stdin": subprocess.DEVNULL}
-        code = subprocess.run(command, capture_output=True, check=False, **hidden).returncode
-        if code != 0:
+        done = subprocess.run(command, capture_output=True, check=False, **hidden)
+        if done.returncode == 1:
+            # So Python ends that lacks a package, or could not write; a crash has another code.
+            line = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+            msg = f"The file {path} cannot be read, because the process that reads it has failed ({line})."
+            raise OSError(msg)
+        if done.returncode != 0:
+            code = done.returncode
             msg = f"{path} is cut short or damaged (its reader ended with exit code {code}); copy or download it again."
             raise ValueError(msg)
         reader = vtkXMLPolyDataReader()

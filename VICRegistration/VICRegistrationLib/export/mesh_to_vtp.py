@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import sys
 from pathlib import Path
 
+from vtkmodules.vtkCommonCore import vtkObject
 from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
 from vtkmodules.vtkIOLegacy import vtkPolyDataReader
 from vtkmodules.vtkIOPLY import vtkPLYReader
@@ -19,8 +21,30 @@ READERS = {
 }
 
 
-def main(source: str, target: str) -> int:
-    """Copy a mesh; returns 0 when it is written."""
+# Of SetErrorMode on Windows: a program that crashes ends, and no dialog waits for the user
+# (SEM_FAILCRITICALERRORS, SEM_NOGPFAULTERRORBOX).
+_NO_DIALOGS = 0x0001 | 0x0002
+
+
+def main(source: str, target: str) -> str | None:
+    """Copy a mesh.
+
+    Parameters
+    ----------
+    source : str
+        A file with one of the endings in `READERS`.
+    target : str
+        The .vtp file to write; empty where the source holds no mesh.
+
+    Returns
+    -------
+    str or None
+        Why no file was written; None when it was.
+    """
+    if sys.platform == "win32":
+        ctypes.windll.kernel32.SetErrorMode(_NO_DIALOGS)
+    # On Windows, VTK opens a window for them.
+    vtkObject.GlobalWarningDisplayOff()
     reader = READERS[Path(source).suffix.lower()]()
     reader.SetFileName(source)
     writer = vtkXMLPolyDataWriter()
@@ -28,7 +52,9 @@ def main(source: str, target: str) -> int:
     writer.SetInputConnection(reader.GetOutputPort())
     writer.SetCompressorTypeToNone()
     writer.EncodeAppendedDataOff()
-    return 0 if writer.Write() else 1
+    # It returns 1 for a full disk too.
+    written = writer.Write() and not writer.GetErrorCode()
+    return None if written else f"{target} cannot be written; is the disk full?"
 
 
 if __name__ == "__main__":
