@@ -1,4 +1,4 @@
-"""Small DICOM files of many kinds, written with pydicom: every pixel tells its place by its grey level."""
+"""Small DICOM files of many kinds, written with pydicom: the grey level of every pixel is its place."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def test_a_fit_without_points_ends_at_the_grey_levels(image, fit):
     assert boundary_deviations(found.surface, []).shape == (0,)
 
 
-def test_the_weight_tells_how_near_the_surface_comes(image, fit):
+def test_the_weight_shows_how_near_the_surface_comes(image, fit):
     point = off(fit.surface, [(0.3, 0.45)], [5.0])
     left = [corrected(image, fit, point, boundary_weight=weight) for weight in (0.01, 0.1, 1.0, 10.0)]
     distances = [boundary_deviations(found.surface, point)[0] for found in left]

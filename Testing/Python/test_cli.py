@@ -81,7 +81,7 @@ def test_the_vtp_file_holds_the_same_surface(fitted):
     )
 
 
-def test_the_report_tells_what_was_found(fitted, report, image_path):
+def test_the_report_shows_what_was_found(fitted, report, image_path):
     assert (report["schema"], report["version"]) == ("vic-registration/report", 2)
     assert report["image"] == str(image_path)
     organ = report["organs"]["bladder"]

@@ -25,7 +25,7 @@ def organs(tmp_path_factory):
     return fit_to_folder(folder / "mri.nrrd", [organ_request("bladder", [CENTER])], folder / "out", pictures=False)
 
 
-def test_the_table_tells_deviation_volume_and_time(organs):
+def test_the_table_shows_deviation_volume_and_time(organs):
     titles, units, row = demo.deviation_table(organs, {"bladder": ellipsoid()}).splitlines()
     assert titles.split() == ["organ", "mean", "signed", "95", "%", "largest", "volume", "truth", "time"]
     assert units.split() == ["mm"] * 4 + ["ml"] * 2 + ["s"]

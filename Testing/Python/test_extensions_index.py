@@ -140,7 +140,7 @@ def test_a_licence_lies_in_the_root_and_is_named_in_the_readme():
     assert "Apache License 2.0" in README
 
 
-def test_the_readme_tells_what_the_extension_is():
+def test_the_readme_shows_what_the_extension_is():
     title, summary = README.split("\n\n")[:2]
     assert title == f"# {ENTRY.stem}"
     assert 1 <= len(re.findall(r"\.(?:\s|$)", summary)) <= 2

@@ -112,7 +112,7 @@ def test_a_mesh_never_replaces_the_surface_it_is_made_of(tmp_path, capsys, monke
     assert "would replace" in capsys.readouterr().err
 
 
-def test_help_tells_formats_and_groups(capsys):
+def test_help_shows_formats_and_groups(capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["mesh", "--help"])
     assert end.value.code == 0

@@ -58,7 +58,7 @@ def test_the_model_s_organs_are_the_fitted_surfaces(results):
     assert model.part("rectum").estimated
 
 
-def test_the_report_tells_what_was_predicted_and_estimated(results):
+def test_the_report_shows_what_was_predicted_and_estimated(results):
     entry = json.loads((results / "report.json").read_text(encoding="utf-8"))["model"]
     assert entry["predicted"] == ["rectum"]
     assert "levator ani" in entry["estimated"]

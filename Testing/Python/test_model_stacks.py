@@ -158,7 +158,7 @@ def output(folder, told, small_pictures, tmp_path_factory):
     return output
 
 
-def test_the_report_tells_what_became_of_each_stack_as_fit_does(folder, output):
+def test_the_report_shows_what_became_of_each_stack_as_fit_does(folder, output):
     organs = json.loads((output / "report.json").read_text(encoding="utf-8"))["organs"]
     # Those of an organ are in place of those of the command line.
     files = [use["file"] for use in organs["bladder"]["stacks"]]

@@ -229,7 +229,7 @@ def test_a_first_fit_that_does_not_end_leaves_no_surface(logic, start, scene, wh
         assert logic.surface(organ).volume() > 0
 
 
-def test_an_error_leaves_the_surface_and_tells_why(logic, fitted, start, scene):
+def test_an_error_leaves_the_surface_and_shows_why(logic, fitted, start, scene):
     organ, volume = fitted
     surface, content = logic.surface(organ), mrml_scenes.content(scene)
     organ.seeds.SetNthControlPointPositionWorld(0, 500, 0, 0)

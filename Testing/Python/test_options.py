@@ -167,7 +167,7 @@ def test_the_page_holds_the_table():
     assert option_table() in page
 
 
-def test_the_help_tells_of_every_option(capsys):
+def test_the_help_lists_every_option(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(["fit", "--help"])
     told = " ".join(capsys.readouterr().out.split())

@@ -114,7 +114,7 @@ def test_no_step_is_longer_than_allowed(bright_ball, solver):
     assert moved[0] > 0.1
 
 
-def test_an_iterate_tells_how_far_it_went(bright_ball, solver):
+def test_an_iterate_shows_how_far_it_went(bright_ball, solver):
     objective = objective_of(bright_ball, closed_organ(moved_ellipsoid()))
     parametrization = objective.costs[0].parametrization
     before = np.zeros(parametrization.n_dof)

@@ -47,7 +47,7 @@ def output(folder, tmp_path_factory):
     return output
 
 
-def test_the_report_tells_what_became_of_each_stack(folder, output):
+def test_the_report_shows_what_became_of_each_stack(folder, output):
     used, noise = stacks_of(output)
     assert (used["file"], used["used"], used["reason"]) == (str(folder / "ax.nii.gz"), True, None)
     assert used["translation_mm"] == pytest.approx([2.0, -1.5, 1.5], abs=0.4)

@@ -27,7 +27,7 @@ _PLACING = {
     _SPACING: ("PixelSpacing", 2),
 }
 # What may distinguish images at one place, the plainest first.
-_TELLING = {
+_DISTINGUISHING = {
     "0020|0100": "TemporalPositionIdentifier",
     "0018|0086": "EchoNumbers",
     "0018|0081": "EchoTime",
@@ -167,9 +167,9 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
         found.setdefault(header[_SERIES], {})[name] = header
     if not found:
         below = _folders_below(folder)
-        told = f" ({', '.join(map(str, below[:_LISTED]))}{', ...' * (len(below) > _LISTED)})" if below else ""
+        named = f" ({', '.join(map(str, below[:_LISTED]))}{', ...' * (len(below) > _LISTED)})" if below else ""
         msg = (
-            f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves{told}, or "
+            f"The folder {folder} holds no DICOM slices; choose the folder that holds the slices themselves{named}, or "
             "give the file of an image."
         )
         raise ValueError(msg)
@@ -283,7 +283,7 @@ def _slice_of(name: str, header: Header, what: str) -> Slice:
                 "numbers are needed. Export the series again from where it was acquired."
             )
             raise ValueError(msg)
-    properties = {keyword: header[tag] for tag, keyword in _TELLING.items() if header.get(tag)}
+    properties = {keyword: header[tag] for tag, keyword in _DISTINGUISHING.items() if header.get(tag)}
     shape = _number(header, _ROWS), _number(header, _COLUMNS)
     return Slice(values[_POSITION], values[_ORIENTATION], values[_SPACING], shape, (name, 0), properties)
 

@@ -16,7 +16,7 @@ SOP_CLASSES = tuple(
     for number in ("4.1", "4.3", "2.1", "130", "13.1.1", "13.1.2", "2.2", "4.4", "128.1", "30")
 )
 # What may distinguish frames at one place, besides the dimensions that the file names, the plainest first.
-_TELLING = (
+_DISTINGUISHING = (
     ("FrameContentSequence", "TemporalPositionIndex"),
     ("FrameContentSequence", "StackID"),
     ("MREchoSequence", "EffectiveEchoTime"),
@@ -323,7 +323,7 @@ def _dimensions(dataset) -> list[str]:
 
 def _properties(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Properties that may distinguish a frame from others at its place."""
-    for sequence, keyword in _TELLING:
+    for sequence, keyword in _DISTINGUISHING:
         value = _element(groups, sequence, keyword)
         if value is not None:
             yield keyword, _text(value)

@@ -192,8 +192,8 @@ def _largest_piece(mask: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...]
     sizes = np.bincount(pieces.ravel())[1:]
     left_out = 1.0 - sizes.max() / sizes.sum()
     values = {"count": count, "left_out": float(left_out)}
-    told = (Diagnostic("segmentation_in_pieces", values),) if left_out > _STRAY_SHARE else ()
-    return pieces == sizes.argmax() + 1, told
+    diagnostics = (Diagnostic("segmentation_in_pieces", values),) if left_out > _STRAY_SHARE else ()
+    return pieces == sizes.argmax() + 1, diagnostics
 
 
 def region_from_crop(image, mask, start, *, fill, threshold=None, erosion=None):

@@ -54,7 +54,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """What the image says along the normals of the surface at q: all that does not depend on the levels."""
+    """What the image shows along the normals of the surface at q: all that does not depend on the levels."""
 
     q: np.ndarray
     frame: Frame

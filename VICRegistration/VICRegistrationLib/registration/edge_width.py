@@ -65,7 +65,7 @@ def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> 
     The median profile across the surface, mostly from places where it is sharp, that is not across thick slices. The
     width is that of the cosine ramp of equation 3 with the same slope at half height. It is measured three times: each
     line is moved to its own edge then, as a surface that misses the edge by turns would make it look wide, and
-    stretched by the blur along it as the width before says.
+    stretched by the blur along it that belongs to the width before.
     """
     pixel = float(np.linalg.norm(voxel, axis=0).min())
     u, v = surface.midpoints(32, 20)

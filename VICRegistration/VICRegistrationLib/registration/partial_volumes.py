@@ -35,8 +35,11 @@ _MOVED_AT = (24, 16)
 
 
 @dataclass(frozen=True, eq=False)
-class _Painted:
-    """Partial volumes of a surface, and of the surface around its wall if there is a thin one, so thick."""
+class _VoxelShares:
+    """Partial volumes of a surface on the grid of an image.
+
+    If the surface has a thin wall, `with_wall` are those of organ and wall together, and `wall` its thickness, mm.
+    """
 
     surface: BSplineSurface
     inside: Sampler
@@ -64,7 +67,7 @@ class PartialVolumes:
     def __init__(self, image: Image):
         # A surface is cut at the lines of a grid. Where they run must not depend on the order of the volume's axes.
         self.image = image.canonical()
-        self._painted = None
+        self._last: _VoxelShares | None = None
 
     def along(
         self,
@@ -93,9 +96,9 @@ class PartialVolumes:
         Shares
             (n_u * n_v, m) each.
         """
-        last = self._painted
+        last = self._last
         if last is None or _distance(surface, last.surface) > within:
-            self._painted = last = self._paint(surface)
+            self._last = last = self._computed(surface)
         points, normals = last.surface.grid(*axes).reshape(-1, 3), last.surface.grid_normals(*axes).reshape(-1, 3)
         places = points[:, None] + depths[:, None] * normals[:, None]
         inside = last.inside.values(places)[0]
@@ -104,26 +107,26 @@ class PartialVolumes:
         # Where hollows overlap, the wall is nowhere less than the organ.
         return Shares(inside, 1.0 - np.maximum(last.with_wall.values(places)[0], inside), last.wall)
 
-    def _paint(self, surface: BSplineSurface) -> _Painted:
+    def _computed(self, surface: BSplineSurface) -> _VoxelShares:
         """Compute the partial volumes of a surface, interpolated linearly as the image is."""
         image, spacing = self.image, np.asarray(self.image.spacing)
         voxel, real_sampler = image.ijk_to_ras[:3, :3], Sampler(image)
         mesh = triangulate_volume(surface, chord_error=_CHORD_ERROR * spacing.min())
         shares = self._shares(mesh)
         usual = _USUAL_SPREAD * spacing.min()
-        painted = self._blurred(shares, usual)
-        virtual, real = (edge_width(sampler, surface, voxel) for sampler in (painted, real_sampler))
+        usually_blurred = self._blurred(shares, usual)
+        virtual, real = (edge_width(sampler, surface, voxel) for sampler in (usually_blurred, real_sampler))
         if virtual is None or real is None:
-            return _Painted(surface, painted)
+            return _VoxelShares(surface, usually_blurred)
         # Held at the limits of tau: what lies behind thin walls in thick slices widens the edge in the image.
         real = np.clip(real, LEAST_TAU_PIXELS * spacing.min(), MOST_TAU_PIXELS * spacing.min())
         deviation = np.sqrt(max(usual**2 + (real**2 - virtual**2) / WIDTH_OF_BLUR**2, 0.0))
         inside = self._blurred(shares, deviation)
         wall = wall_thickness(real_sampler, surface, voxel, real)
         if wall is None:
-            return _Painted(surface, inside)
+            return _VoxelShares(surface, inside)
         outside = replace(mesh, points=mesh.points + wall * mesh.normals)
-        return _Painted(surface, inside, self._blurred(self._shares(outside), deviation), wall)
+        return _VoxelShares(surface, inside, self._blurred(self._shares(outside), deviation), wall)
 
     def _shares(self, mesh: TriangleMesh) -> np.ndarray:
         """Share of each voxel that lies inside of triangles."""

@@ -154,7 +154,7 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
         else:
             step, trial, decrease = np.zeros_like(q), samples, 0.0
         q = q + step
-        # Gradient descent predicts no decrease, so the real one stands for the expected one.
+        # Gradient descent predicts no decrease, so the real one is taken as the expected one.
         share = _share(decrease, value)
         yield Iterate(
             q, sum(part.cost for part in trial), share, share, float(np.abs(step).max()), objective.displacement(step)

@@ -34,11 +34,12 @@ _SMOOTHING = 0.1
 # Weight of the organ's mean among the neighbours' levels, where a sharp line weighs 1. Half and twice of it change the
 # same distances by 0.008 mm at most.
 _PRIOR = 0.05
-# Weight of the expected levels there, where nothing is seen of a level.
-_LAST_SAY = 1e-9
-# A grey level of which less than this share is of one side says nothing about it. With 0.01 to 0.3 the demo's organs
-# and seven real bladders have the same mean distances to 0.0001 mm. One of three hippocampi, fitted from its label, is
-# 0.4 or 0.7 mm off, by chance of the share; without any, its standard deviation is too small.
+# Regularisation (Tikhonov) of the least squares for three levels, towards the expected ones: small beside any line that
+# shows something of a level, so that it counts only where none does.
+_REGULARISATION = 1e-9
+# A grey level of which less than this share is of one side does not count for that side. With 0.01 to 0.3 the demo's
+# organs and seven real bladders have the same mean distances to 0.0001 mm. One of three hippocampi, fitted from its
+# label, is 0.4 or 0.7 mm off, by chance of the share; without any, its standard deviation is too small.
 _LEAST_SHARE = 0.2
 # Of the contrast that is expected, at least so much is the unit of the residuals.
 _LEAST_CONTRAST = 0.05
@@ -156,13 +157,14 @@ def _smoothing_matrix(n: int, sigma: float, mode: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """Shares of the levels that samples have, (n, m) ndarray from 0 to 1 each; the rest is that of the level outside.
+    """Shares of the grey levels inside and behind a wall in the samples of normal lines, from 0 to 1.
 
     Parameters
     ----------
-    inside : ndarray
-    behind : ndarray, optional
-        Of what lies behind a wall that is thinner than a voxel is long.
+    inside : (n, m) ndarray
+        The rest is the share of the level outside.
+    behind : (n, m) ndarray, optional
+        Of what lies behind a wall that is thinner than a voxel is long; then the rest of both is the wall's.
     wall : float, optional
         Thickness of that wall, mm.
     """
@@ -173,7 +175,7 @@ class Shares:
 
     @property
     def all(self) -> np.ndarray:
-        """Shares of the levels inside, outside and behind, (n, m, 3); the second is the wall's."""
+        """Shares of the levels inside, outside (the wall's) and behind, (n, m, 3); `behind` is needed."""
         return np.stack([self.inside, 1.0 - self.inside - self.behind, self.behind], axis=2)
 
 
@@ -225,7 +227,7 @@ class VirtualImage:
         return self.mode != "given"
 
     def probes(self, wall: float | None = None) -> np.ndarray:
-        """Distances from the surface at which levels are read off the image, (m,) mm; behind a wall, so thick, too."""
+        """Distances from the surface at which levels are read off the image, (m,) mm; also behind a wall, if any."""
         probes = self.profile.width * (PROBE_DEPTHS + self.profile.middle)
         return probes if wall is None else np.append(probes, wall + _BEHIND_MM)
 
@@ -347,12 +349,12 @@ class VirtualImage:
         weighted = weight[..., None] * levels
         forms = np.einsum("nma,nmb->nab", weighted, levels).reshape(len(values), -1)
         sums = np.concatenate([forms, np.einsum("nma,nm->na", weighted, values)], axis=1)
-        # The organ's mean has a say in each neighbourhood, and what is expected has the last one.
+        # As in `estimate`, the organ's mean counts a little in each neighbourhood.
         mean = sums.mean(axis=0)
         sums = self._neighbourhood_sums(sums + _PRIOR * mean, shape) if self.mode == "local" else mean[None]
         expected = np.array([self.profile.inside, self.profile.outside, self.profile.outside], dtype=float)
-        forms = sums[:, :9].reshape(-1, 3, 3) + _LAST_SAY * np.eye(3)
-        found = np.linalg.solve(forms, (sums[:, 9:] + _LAST_SAY * expected)[..., None])[..., 0]
+        forms = sums[:, :9].reshape(-1, 3, 3) + _REGULARISATION * np.eye(3)
+        found = np.linalg.solve(forms, (sums[:, 9:] + _REGULARISATION * expected)[..., None])[..., 0]
         return tuple(np.broadcast_to(found, (len(values), 3)).T)
 
     def credibility(self, values, valid, inside, outside) -> np.ndarray:
@@ -393,7 +395,7 @@ class VirtualImage:
         mean = np.where(total > 0.0, (weight * values).sum(axis=0) / np.maximum(total, 1e-300), fallback)
         if self.mode == "organ":
             return np.broadcast_to(mean, values.shape)
-        # Where all neighbours are blurred or outside of the volume, the organ's mean takes over.
+        # Where all neighbours are blurred or outside of the volume, the organ's mean is taken.
         parts = np.concatenate([weight * values + _PRIOR * mean, weight + _PRIOR], axis=1)
         sums, weights = np.split(self._neighbourhood_sums(parts, shape), 2, axis=1)
         return sums / weights

@@ -36,8 +36,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     """Separate the organ that holds the seeds from its surroundings.
 
     By default in two ways. Voxels within limits of grey levels that hold together with the seeds: this follows organs
-    of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which
-    the image shows most of an edge: this needs no limits, and sees only what is seen from the middle (`shaped_region`).
+    of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which the
+    image shows most of an edge: this needs no limits, and finds only what is in view from the middle (`shaped_region`).
     The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
     and where the first has leaked; else the first. Where the region ends at the level between two fluids
     (`find_fluid_level`), it is continued by the layer behind that.

@@ -44,10 +44,9 @@ def shaped_region(
 
     Returns
     -------
-    region : Region
-        Where the volume cuts the organ, of two surfaces the one whose region has less boundary without an edge.
-    star : Star
-        None in place of both where no region holds the seeds, or only one that fills the volume.
+    tuple of Region and Star, or None
+        Where the volume cuts the organ, of two surfaces (`find_stars`) the one whose region has less boundary without
+        an edge. None where no region holds the seeds, or only one that fills the volume.
     """
     found = []
     for star in find_stars(image, seeds, wall):

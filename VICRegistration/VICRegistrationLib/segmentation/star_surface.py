@@ -42,10 +42,10 @@ _SLOW, _NOISE = 0.06, 2.0
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
 # 0.2 to 0.55 in a bladder that is cut twice (IM0228): with less the surface stops at dark urine, with more it leaks.
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.15, 0.35
-# That weight is tried so many times as large too: how much the end should weigh differs from image to image. In 62
-# bladders and changed ones the image chose the better of the two regions each time; with one weight alone, four were
-# worse by a Dice coefficient of 0.04 to 0.12.
-_TIMES = (1.4, 1.0)
+# Factors of that weight that are tried: how much the end should weigh differs from image to image. In 62 bladders and
+# changed ones the image chose the better of the two regions each time; with one weight alone, four were worse by a Dice
+# coefficient of 0.04 to 0.12.
+_END_FACTORS = (1.4, 1.0)
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
 _MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
@@ -132,8 +132,8 @@ def find_stars(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) 
     Yields
     ------
     Star
-        For the largest weight first. A surface that the volume does not cut is the last one: with less weight it is
-        the same.
+        That of the largest weight first. If the volume does not cut it, it is the only one: with less weight it would
+        be the same.
 
     Notes
     -----
@@ -146,8 +146,8 @@ def find_stars(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) 
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
     signs = (True, False)
-    for times in _TIMES:
-        end = times * _END
+    for factor in _END_FACTORS:
+        end = factor * _END
         looks = [search.again(search.look(seed, end, falls=falls), end, _FIRST_LOOKS - 1) for falls in signs]
         better = min(looks, key=lambda star: star.cost)
         star = search.closely(search.again(better, end, _LOOKS - _FIRST_LOOKS), end)
