@@ -126,7 +126,7 @@ def test_boundary_points_are_refused(capsys, given, tmp_path):
     assert "bladder: boundary points were given" in refused(capsys, given, tmp_path, organs=organs)
 
 
-def test_what_is_wrong_with_each_organ_is_told_with_its_name(capsys, given, tmp_path):
+def test_what_is_wrong_with_each_organ_is_printed_with_its_name(capsys, given, tmp_path):
     organs = [{"organ": name, "seed": [500, 0, 0]} for name in ("bladder", "vagina")]
     told = refused(capsys, given, tmp_path, organs=organs)
     assert "bladder: The seed (500.0, 0.0, 0.0) mm lies outside" in told

@@ -264,7 +264,7 @@ def test_what_an_empty_slice_cuts_off_is_reported(image, from_label):
     (found,) = region.diagnostics
     assert (found.code, found.values["count"]) == ("segmentation_in_pieces", 2)
     assert found.values["left_out"] == pytest.approx(0.4)
-    assert "2 pieces; the largest was taken, and 40% of its voxels were left out" in found.sentence()
+    assert "2 pieces; the largest was taken, and the others, 40% of the voxels, were left out" in found.sentence()
 
 
 @pytest.mark.parametrize(
