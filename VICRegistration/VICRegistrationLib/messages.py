@@ -38,8 +38,8 @@ SENTENCES = {
         "that of {taken_ml:.1f} ml was taken, because the image supports it better. Look at the contour."
     ),
     "segmentation_in_pieces": _(
-        "The segmentation has {count} pieces; the largest was taken, and the others, {left_out:.0%} of the voxels, were "
-        "left out. If they belong to the organ, fill the slices between the pieces; look at the contour."
+        "The segmentation has {count} pieces; the largest was taken, and the others, {left_out:.0%} of the voxels, "
+        "were left out. If they belong to the organ, fill the slices between the pieces; look at the contour."
     ),
     "layer_included": _(
         "The image shows a flat, horizontal edge of {area_cm2:.0f} cm2 in the organ, and is as even behind it as "
