@@ -225,6 +225,7 @@ def test_folders_below_that_hold_slices_are_listed(tmp_path):
     for name in ("sagittal", "axial"):
         write_series(tmp_path / "study" / name, stack(positions()))
     (tmp_path / "study" / "readme.txt").write_text("two series")
+    (tmp_path / "study" / "axial" / ".DS_Store").write_text("of macOS")
     below = tmp_path / "study"
     assert f"holds the slices themselves ({below / 'axial'}, {below / 'sagittal'}), or" in refusal(below)
 

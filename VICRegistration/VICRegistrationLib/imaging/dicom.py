@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 from collections.abc import Iterable, Sequence
@@ -190,12 +191,15 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
 
 
 def _folders_below(folder: Path) -> list[Path]:
-    """Folders below one in which the first file is a DICOM file, as archives export them."""
+    """Folders below one in which the first file that is not hidden is a DICOM file, as archives export them."""
     found = []
     for root, _, names in itertools.islice(os.walk(folder), _MOST_FOLDERS):
-        first = next((path for path in sorted(Path(root, name) for name in names) if path.is_file()), None)
-        if first is not None and Path(root) != folder and is_dicom(first):
-            found.append(Path(root))
+        paths = (Path(root, name) for name in sorted(names) if not name.startswith("."))
+        # Folders that may not be read are left out.
+        with contextlib.suppress(OSError):
+            first = next((path for path in paths if path.is_file()), None)
+            if first is not None and Path(root) != folder and is_dicom(first):
+                found.append(Path(root))
     return sorted(found)
 
 
