@@ -61,7 +61,9 @@ class PartialVolumes:
     Notes
     -----
     The scanner's point spread is taken as a Gaussian that is equal in all directions, and chosen so that the edge is as
-    wide as that in the image: curvature within thick slices makes both of them wider.
+    wide as that in the image: curvature within thick slices makes both of them wider. Where the wall of the organ is
+    thinner than a voxel is long, see :func:`.wall_thickness`, the partial volumes of organ and wall together are
+    computed too.
     """
 
     def __init__(self, image: Image):

@@ -1,8 +1,8 @@
 """The virtual image: grey levels that a surface would have in an image, by the signed distance from it.
 
 Across the surface it goes from the level inside to the level outside: by the intensity profile of equation 3, a ramp,
-or by the partial volumes of the surface in the real image's voxels. Along the surface the levels are given, or
-estimated from the real image.
+or by the partial volumes of the surface in the real image's voxels. Behind a wall that is thinner than a voxel is long,
+it has a third level. Along the surface the levels are given, or estimated from the real image.
 """
 
 from __future__ import annotations
@@ -263,7 +263,7 @@ class VirtualImage:
         return float(max(difference, _LEAST_CONTRAST * abs(self.profile.inside - self.profile.outside)))
 
     def levels(self, values, valid, shares, normals, area, shape):
-        """Levels inside, outside and behind a wall on every normal line, (n,) each.
+        """Levels on every normal line, with or without a thin wall.
 
         Parameters
         ----------
@@ -273,6 +273,11 @@ class VirtualImage:
             Of each of them.
         normals, area, shape
             As in :meth:`estimate`.
+
+        Returns
+        -------
+        inside, outside, behind : (n,) ndarray
+            Without a thin wall the last two are the same.
         """
         if shares.wall is not None:
             return self.estimate_with_wall(values, valid, shares, normals, area, shape)
