@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.messages import Diagnostic
+from VICRegistrationLib.segmentation import separation
 from VICRegistrationLib.segmentation.fluid_level import find_fluid_level
 from VICRegistrationLib.segmentation.separation import separate
 
@@ -120,6 +124,18 @@ def test_neither_offset_nor_scale_of_the_grey_levels_changes_what_is_found():
     assert all("layer_included" in [each.code for each in region.diagnostics] for region in regions)
     for region in regions[1:]:
         np.testing.assert_array_equal(region.mask, regions[0].mask)
+
+
+def test_what_was_found_before_the_level_stays_a_diagnostic_and_is_no_leak(monkeypatch):
+    image, inside, behind = ball()
+    region = before_the_level(image, inside, behind)
+    sizes = {"grown_ml": 5.0, "shaped_ml": 30.0, "taken_ml": 30.0}
+    differs = replace(region, threshold=(100.0, 200.0), diagnostics=(Diagnostic("starts_differ", sizes),))
+    monkeypatch.setattr(separation, "_chosen", lambda *_: differs)
+    whole = separate(image, [0.0, 5.0, 0.0])
+    assert [each.code for each in whole.diagnostics] == ["starts_differ", "layer_included"]
+    # Of the region before the level, continued.
+    assert whole.threshold == (100.0, 200.0)
 
 
 def test_what_has_no_wall_behind_a_level_is_left_out_and_reported():

@@ -102,7 +102,7 @@ class FluidLevel:
         Returns
         -------
         Region
-            With threshold, erosion and diagnostics of the first one.
+            With threshold and erosion of the first one.
         """
         mask = np.zeros(image.array.shape, dtype=bool)
         for part in (region, further):
@@ -112,7 +112,7 @@ class FluidLevel:
                 part.mask & used
             )
         whole = region_from_mask(image, mask, largest_component=True)
-        return replace(whole, threshold=region.threshold, erosion=region.erosion, diagnostics=region.diagnostics)
+        return replace(whole, threshold=region.threshold, erosion=region.erosion)
 
     def layer_ml(self, region: Region) -> float:
         """Volume of the part of a region behind the level, ml."""

@@ -114,7 +114,8 @@ def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> 
         return ends
     whole = _better(even, level.joined(image, region, shaped), shaped, star)
     included = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
-    return replace(whole, diagnostics=(*whole.diagnostics, included))
+    by_code = {found.code: found for found in (*region.diagnostics, *whole.diagnostics, included)}
+    return replace(whole, diagnostics=tuple(by_code.values()))
 
 
 def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
