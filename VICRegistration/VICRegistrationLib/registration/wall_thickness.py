@@ -16,7 +16,7 @@ _LINES = (32, 20)
 # range. With 0.05 and 0.1 walls of the demo's organs are the same to 0.1 mm.
 _NEIGHBOURHOOD = 0.075
 # Samples from so many mm inside to so many beyond the thickest wall that is looked for; how many, and how many
-# thicknesses are tried.
+# thicknesses are tried. Half and twice of each change painted walls of 2.5 to 4.5 mm by at most 0.07 mm.
 _INSIDE_MM, _BEYOND_MM, _SAMPLES, _TRIED = 2.0, 3.0, 20, 14
 # Least thickness, in widths of the edge. With 0.5 the demo's mean distances are the same to 0.001 mm.
 _LEAST_EDGE = 0.75

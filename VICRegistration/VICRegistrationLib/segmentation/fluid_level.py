@@ -35,7 +35,8 @@ _AVERAGED_MM = 5.0
 # Smallest area, cm2, largest tilt, degrees, and departure from a plane, mm; and largest change of the grey level behind
 # it, in units of the step, under this share of the level: elsewhere the layer is not as deep. Of 91 bladders with a
 # layer painted in, as deep as 0.12 to 0.35 of the lumen, tilted by up to 5 degrees and blurred by up to 2 mm, 52 end at
-# a level by these, and none of 112 without one; with half or twice of any one of the four, 37 to 54, and none.
+# a level by these, and none of 112 without one; with half or twice of any one of the four, 37 to 54, and none. With
+# half or twice of the flatness, the columns, the rim, the averaging or the share, 32 to 52, and none.
 _AREA_CM2, _TILT, _UNEVEN_MM, _CHANGE, _DEEPEST = 4.0, 5.0, 0.2, 0.1, 0.25
 # A layer is as deep as this, mm, under this share of the level: a wall is thinner.
 _DEEP_MM, _CONTINUED = 4.0, 0.5
