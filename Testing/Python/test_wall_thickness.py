@@ -29,7 +29,7 @@ LUMEN, WALL, FAT = 800.0, 170.0, 550.0
 THICK = (0.7, 0.7, 5.0)
 
 
-def painted(spacing=THICK, wall=3.5, *, offset=0.0):
+def painted(spacing=THICK, wall=3.5, *, offset=0.0, levels=(LUMEN, WALL, FAT)):
     """The organ with a wall of so many mm in fat; its long axis across the slices."""
     matrix = np.eye(4)
     matrix[:3, :3] = np.diag(spacing)
@@ -39,7 +39,8 @@ def painted(spacing=THICK, wall=3.5, *, offset=0.0):
     outer, inner = (
         volume_fractions(mesh.points + far * mesh.normals, mesh.triangles, shape, matrix) for far in (wall, 0.0)
     )
-    return Image(offset + paint(np.full(shape, FAT), [(outer, WALL), (inner, LUMEN)]), matrix)
+    inside, of_wall, behind = levels
+    return Image(offset + paint(np.full(shape, behind), [(outer, of_wall), (inner, inside)]), matrix)
 
 
 def thickness(image, surface=ORGAN):
@@ -59,6 +60,17 @@ def test_a_constant_added_to_the_image_changes_no_thickness():
 @pytest.mark.parametrize(("spacing", "wall"), [(THICK, 9.0), ((0.7, 0.7, 2.0), 3.5), ((1.0, 1.0, 1.0), 3.5)])
 def test_walls_thicker_than_a_voxel_is_long_are_none_of_it(spacing, wall):
     assert thickness(painted(spacing, wall)) is None
+
+
+@pytest.mark.parametrize("levels", [(800.0, 500.0, 170.0), (170.0, 500.0, 800.0)])
+def test_levels_that_fall_or_rise_all_the_way_are_no_wall(levels):
+    assert thickness(painted(levels=levels)) is None
+
+
+@pytest.mark.parametrize("off", [1.0, 2.0, 3.0])
+def test_what_lies_between_a_surface_within_the_organ_and_the_edge_is_no_wall(off):
+    smaller = ORGAN.with_control_net(ORGAN.control_net - off / 14.0 * (ORGAN.control_net - [1.0, 2.0, 3.0]))
+    assert thickness(painted(levels=(LUMEN, WALL, WALL)), smaller) is None
 
 
 def test_where_nothing_is_seen_there_is_no_wall():
