@@ -73,6 +73,17 @@ def test_a_region_is_continued_behind_a_level_alone():
     np.testing.assert_array_equal(found[behind > 1.0], ndimage.binary_dilation(inside)[behind > 1.0])
 
 
+def test_a_piece_beside_the_layer_is_left_out_without_a_word():
+    # It is a matter of how the region was continued, and of no segmentation.
+    image, inside, behind = ball()
+    beside = inside.copy()
+    beside[2:8, 2:8, 2:8] = True
+    before = before_the_level(image, inside, behind)
+    whole = find_fluid_level(image, before).joined(image, before, region_from_mask(image, beside))
+    assert whole.diagnostics == ()
+    assert whole.volume_ml == pytest.approx(np.count_nonzero(inside) / 1000.0, rel=0.01)
+
+
 @pytest.mark.parametrize(
     "how",
     [{"degrees": 9.0}, {"bulge": 3.0}, {"bulge": -3.0}, {"layer": LUMEN}],

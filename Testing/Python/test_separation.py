@@ -9,7 +9,7 @@ from reorientation import ORIENTATIONS, reordered
 from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.morphology import ball_reach, boundary_voxels, dilate, erode, fill_holes
+from VICRegistrationLib.imaging.morphology import ball_reach, boundary_voxels, dilate, erode, fill_holes, largest_piece
 from VICRegistrationLib.imaging.region import region_from_label, region_from_mask
 from VICRegistrationLib.segmentation.edge_support import agreement
 from VICRegistrationLib.segmentation.growing import grown_region
@@ -57,6 +57,16 @@ def test_dilation_and_erosion_use_the_ball_in_mm(spacing, radius):
     np.testing.assert_array_equal(dilate(sparse, spacing, radius), expected)
     expected = ndimage.binary_erosion(~sparse, ball, border_value=1)
     np.testing.assert_array_equal(erode(~sparse, spacing, radius), expected)
+
+
+def test_the_largest_piece_is_that_of_voxels_that_share_faces():
+    mask = np.zeros((6, 6), dtype=bool)
+    mask[0, :4] = mask[1, 4] = mask[3:5, 1:3] = mask[5, 3] = True
+    first = np.zeros_like(mask)
+    first[0, :4] = True
+    np.testing.assert_array_equal(largest_piece(mask), first)
+    np.testing.assert_array_equal(largest_piece(first), first)
+    assert not largest_piece(np.zeros_like(mask)).any()
 
 
 def test_boundary_voxels_have_a_face_outside_or_at_the_border():

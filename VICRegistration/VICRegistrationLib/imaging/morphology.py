@@ -1,4 +1,4 @@
-"""Erosion, dilation, holes and boundaries of voxel masks, with lengths in millimetres."""
+"""Erosion, dilation, holes, pieces and boundaries of voxel masks, with lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -83,6 +83,23 @@ def fill_holes(mask) -> np.ndarray:
             open_to_border[labels.take(end, axis=axis).ravel()] = True
     open_to_border[0] = False
     return ~open_to_border[labels]
+
+
+def largest_piece(mask: np.ndarray) -> np.ndarray:
+    """Keep the largest piece of a mask, of voxels that share faces.
+
+    Parameters
+    ----------
+    mask : ndarray of bool
+        In any number of dimensions.
+
+    Returns
+    -------
+    ndarray of bool
+        The first one of several that are as large; the mask itself where it is empty.
+    """
+    labels, count = ndimage.label(mask)
+    return mask if count < 2 else labels == np.bincount(labels.ravel())[1:].argmax() + 1
 
 
 def boundary_voxels(mask) -> np.ndarray:

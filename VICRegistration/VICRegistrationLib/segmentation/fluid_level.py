@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..imaging.image import Image, patient_side
+from ..imaging.morphology import largest_piece
 from ..imaging.region import Region, region_from_mask
 from ..imaging.sampling import Sampler
 from .edge_support import edge_strengths
@@ -112,7 +113,7 @@ class FluidLevel:
             mask[tuple(slice(first, first + size) for first, size in zip(part.offset, part.mask.shape))] |= (
                 part.mask & used
             )
-        whole = region_from_mask(image, mask, largest_component=True)
+        whole = region_from_mask(image, largest_piece(mask))
         return replace(whole, threshold=region.threshold, erosion=region.erosion)
 
     def layer_ml(self, region: Region) -> float:
@@ -231,8 +232,7 @@ class _Columns:
 
     def core(self, plane: np.ndarray) -> np.ndarray:
         """Columns (p, q) of the largest part that ends at a plane, without its rim."""
-        labels, _ = ndimage.label(self.met & (np.abs(_over(self.ends, plane)) < _WITHIN_MM))
-        largest = labels == np.bincount(labels.ravel(), minlength=2)[1:].argmax() + 1
+        largest = largest_piece(self.met & (np.abs(_over(self.ends, plane)) < _WITHIN_MM))
         return ndimage.distance_transform_edt(np.pad(largest, 1), sampling=self.sizes)[1:-1, 1:-1] > _RIM_MM
 
     def look(self, image: Image, plane: np.ndarray, core: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

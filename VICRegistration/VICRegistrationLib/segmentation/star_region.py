@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from ..imaging.boxes import bounds
 from ..imaging.image import Image
-from ..imaging.morphology import dilate, erode
+from ..imaging.morphology import dilate, erode, largest_piece
 from ..imaging.region import Region, region_from_crop
 from .checks import fills_volume
 from .edge_support import area_without_edge
@@ -81,8 +81,8 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
     held = limits.holds(start, image.crop(start, stop).array)
     mask = (held & (inward > -1.0)) | (inward > 1.0)
     steps = image.ijk_to_ras[:3, :3]
-    core = _largest(erode(mask, steps, OPENING_MM))
-    mask = _largest(dilate(core, steps, OPENING_MM) & mask)
+    core = largest_piece(erode(mask, steps, OPENING_MM))
+    mask = largest_piece(dilate(core, steps, OPENING_MM) & mask)
     if not mask.any():
         return None
     first, last = bounds(mask)
@@ -145,9 +145,3 @@ def _inward(crop: Image, star: Star) -> np.ndarray:
     radii = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
     inward = ((radii - distances) / _SHELL_MM).reshape(counts[::-1])
     return ndimage.zoom(inward.astype(np.float32), crop.size[::-1] / counts[::-1], order=1, grid_mode=False)
-
-
-def _largest(mask: np.ndarray) -> np.ndarray:
-    """Largest piece of a mask; the mask itself where it is empty."""
-    labels, count = ndimage.label(mask)
-    return mask if count < 2 else labels == np.bincount(labels.ravel())[1:].argmax() + 1
