@@ -122,6 +122,11 @@ def test_a_file_with_nan(tmp_path):
     refused(lambda: read_image(tmp_path / "nan.nrrd"), "nan.nrrd", "1 of the image's 60 voxels")
 
 
+def test_an_archive_is_to_be_unpacked(tmp_path):
+    (tmp_path / "study.zip").write_bytes(b"PK\3\4" + bytes(100))
+    refused(lambda: read_image(tmp_path / "study.zip"), "is an archive; unpack it", "study.zip")
+
+
 def test_a_folder_without_dicom(tmp_path):
     (tmp_path / "readme.txt").write_text("nothing here")
     refused(lambda: read_image(tmp_path), "holds no DICOM slices")

@@ -190,6 +190,11 @@ def test_a_folder_with_one_segmentation_is_a_reference(tmp_path):
     folder = write_series(tmp_path / "study", source())
     path = segmentation(folder / "seg.dcm", masks()[0], labels=("organ",))
     assert reference_paths(str(folder), ["bladder", "rectum"]) == {"bladder": path, "rectum": path}
+    np.testing.assert_array_equal(read_label(folder)[0].array, read_label(path)[0].array)
+    (folder / "again.dcm").write_bytes(path.read_bytes())
+    for read in (read_label, lambda where: reference_paths(str(where), ["bladder"])):
+        with pytest.raises(ValueError, match=r"holds 2 DICOM segmentations \(again.dcm, seg.dcm\); give the file"):
+            read(folder)
 
 
 def test_a_segmentation_is_no_image(tmp_path):

@@ -85,6 +85,30 @@ def test_every_slice_has_its_own_slope(tmp_path):
     assert farthest(read_image(write_series(tmp_path / "series", images))) < 0.11
 
 
+def test_grey_levels_of_two_scales_are_refused(tmp_path):
+    places = positions()
+    images = [single(place) for place in places]
+    for each in images[::2]:
+        each.PhotometricInterpretation = "MONOCHROME1"
+    words = "differ in their PhotometricInterpretation (3 MONOCHROME1, 3 MONOCHROME2)"
+    assert words in refusal(write_series(tmp_path / "mixed", images))
+    # One of two volumes is of one scale.
+    images = [single(place, EchoTime=80.0, PhotometricInterpretation="MONOCHROME1") for place in places]
+    folder = write_series(tmp_path / "echoes", [*(single(place, EchoTime=20.0) for place in places), *images])
+    assert farthest(read_image(folder, frame=1)) == 0.0
+
+
+@pytest.mark.parametrize("slope", ["0", "1e999"])
+def test_a_slope_that_is_none_is_refused_where_others_have_one(tmp_path, slope):
+    places = positions()
+    images = [single(place, RescaleSlope="2", RescaleIntercept="0") for place in places]
+    images[2].RescaleSlope = slope
+    words = f"has the RescaleSlope {slope}, and other slices another one"
+    assert words in refusal(write_series(tmp_path / "series", images))
+    images = [single(place, RescaleSlope="0", RescaleIntercept="0") for place in places]
+    assert farthest(read_image(write_series(tmp_path / "all", images))) == 0.0
+
+
 # ------------------------------------------------------------------ what is none
 
 
@@ -96,6 +120,8 @@ def test_every_slice_has_its_own_slope(tmp_path):
         (positions(count=4)[[0, 1, 3]], "so 1 slice may be missing"),
         (np.delete(positions(shear=(0.8, 0.0)), 3, axis=0), "so 1 slice may be missing"),
         (positions() + np.outer(np.arange(6) > 2, [0, 0, 0.5]), "3.00 to 3.50 mm apart; even distances are needed"),
+        # Two time points that are 0.05 mm apart: no 290 slices are missing.
+        (np.vstack([positions(), positions() + [0, 0, 0.05]]), "0.05 to 2.95 mm apart; even distances are needed"),
         (positions(count=30) + np.outer(np.arange(30) > 14, [12, 0, 0]), "shifted sideways .* by up to 12.0 mm"),
         (positions(count=30) + np.outer(np.arange(30) > 14, [0, 0.4, 0]), "shifted sideways .* by up to 0.4 mm"),
         # Half of the gaps 2 % larger: the last slice would be 0.9 mm off.

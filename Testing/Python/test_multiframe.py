@@ -132,6 +132,12 @@ def test_what_is_missing_is_not_invented(tmp_path, sequence, keyword):
     assert f"Frame 3 of {path} has no {keyword}, so that its place in the patient is not known" in refusal(path)
 
 
+def test_frames_that_have_no_place_are_not_left_out(tmp_path):
+    data = multiframe(positions())
+    del data.PerFrameFunctionalGroupsSequence[4:]
+    assert "holds 6 frames, but a place for 4 of them only" in refusal(save(data, tmp_path / "one.dcm"))
+
+
 def test_frames_without_places_are_refused(tmp_path):
     stack = np.zeros((6, 12, 10))
     path = save(image(stack, sop=MR, NumberOfFrames=6, PixelSpacing=[1, 1]), tmp_path / "one.dcm")

@@ -193,13 +193,21 @@ def test_a_broken_spacing_that_counts_is_refused(tmp_path, code, step):
         read_image(path)
 
 
-@pytest.mark.parametrize("number", [np.nan, np.inf])
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1.1])
 def test_a_qform_of_no_numbers_is_refused_where_it_counts(tmp_path, number):
     broken = struct.pack("<f", number)
     path = patched(nifti(tmp_path / "a.nii", affine(), sform=0), 256, broken)
-    with pytest.raises(ValueError, match="a.nii has a qform whose quaternion is not finite, and no sform"):
+    with pytest.raises(ValueError, match="a.nii has a qform whose quaternion is no rotation .*, and no sform"):
         read_image(path)
     assert check(patched(nifti(tmp_path / "b.nii", affine()), 256, broken)) == []
+
+
+@pytest.mark.parametrize("broken", [bytes(48), struct.pack("<12f", *[np.nan] * 12), struct.pack("<12f", *range(12))])
+def test_a_sound_qform_is_taken_in_place_of_an_sform_that_places_nothing(tmp_path, broken):
+    path = patched(nifti(tmp_path / "a.nii", affine()), 280, broken)
+    notes = []
+    assert farthest(read_image(path, warn=notes.append)) < 0.05
+    assert ["its sform places no voxels" in note for note in notes] == [True]
 
 
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
@@ -211,10 +219,19 @@ def test_a_file_cut_short_is_refused(tmp_path, name):
         read_image(path)
 
 
-def test_a_packed_file_without_its_ending_is_read(tmp_path):
-    path = nifti(tmp_path / "a.nii", affine())
-    path.write_bytes(gzip.compress(path.read_bytes()))
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("name", ["a.nii", "scan", "scan.img.1"])
+def test_a_file_is_known_by_what_it_holds(tmp_path, name, packed):
+    path = nifti(tmp_path / "b.nii", affine()).rename(tmp_path / name)
+    if packed:
+        path.write_bytes(gzip.compress(path.read_bytes()))
     assert farthest(read_image(path)) < 0.05
+
+
+def test_numbers_too_great_are_refused_and_nothing_else_is_printed(tmp_path):
+    path = patched(nifti(tmp_path / "a.nii", affine()), 112, struct.pack("<2f", 3e38, 0.0))
+    with pytest.raises(ValueError, match="voxels are not finite"):
+        read_image(path)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +247,8 @@ def test_a_packed_file_without_its_ending_is_read(tmp_path):
         (40, struct.pack("<8h", 3, 10, 0, 9, 1, 1, 1, 1), "10 x 0 x 9 voxels, so its header is damaged"),
         (108, struct.pack("<f", 0.0), "its voxels begin at byte 0, inside of its header"),
         (344, b"abc\0", "its header lacks the mark n+1"),
-        (280, bytes(48), "cannot be inverted"),
+        (280, bytes(48), "has an sform that places no voxels (0 0 0 0; 0 0 0 0; 0 0 0 0), and no qform"),
+        (292, struct.pack("<f", np.nan), "has an sform that places no voxels"),
     ],
 )
 def test_what_is_no_volume_is_refused(tmp_path, offset, content, words):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import struct
 
 import numpy as np
@@ -139,12 +140,44 @@ def test_distances_are_not_invented(tmp_path, write, name, lines, words):
         (nrrd, "a.nrrd", ["space: LPS", "space directions: (1,0,0) (1,0,0) (0,0,3)"], None, "axes have one direction"),
         (nrrd, "a.nhdr", ["space: LPS", VECTORS, "data file: gone.raw"], None, "gone.raw, is not beside it"),
         (nrrd, "a.nrrd", ["space: LPS", VECTORS, "encoding: bzip2"], None, "compressed by bzip2, which ITK cannot"),
+        (nrrd, "a.nrrd", ["space: up-left-banana", VECTORS], None, "its space is none that NRRD knows"),
+        (nrrd, "a.nrrd", ["space: LPS", VECTORS, "space origin: (nan,0,0)"], None, "its origin are no numbers"),
+        (meta, "a.mha", ["ElementSpacing = 1 1 3", "NDims = 3"], -9, "its data end too soon"),
     ],
 )
 def test_why_a_file_cannot_be_read_is_reported(tmp_path, write, name, lines, keep, words):
     path = write(tmp_path / name, *lines)
     path.write_bytes(path.read_bytes()[:keep])
     assert words in refusal(path)
+
+
+def test_why_packed_voxels_cannot_be_read_is_reported(tmp_path):
+    data = levels_of(PLAIN, SIZE).astype("<i2").tobytes()
+    path = nrrd(tmp_path / "a.nrrd", "space: LPS", VECTORS, "encoding: gzip")
+    head = path.read_bytes()[: -len(data)]
+    path.write_bytes(head + gzip.compress(data)[:-30])
+    assert "its data end too soon" in refusal(path)
+    path.write_bytes(head.replace(b"endian: little\n", b"") + gzip.compress(data))
+    assert "does not give the order of bytes" in refusal(path)
+
+
+def test_a_field_above_those_that_it_needs_is_named(tmp_path):
+    path = meta(tmp_path / "a.mha", "ElementSpacing = 1 1 3")
+    first = b"Offset = 1 2 3\n"
+    path.write_bytes(first + path.read_bytes())
+    assert "has Offset above NDims, which has to come first" in refusal(path)
+
+
+def test_an_axis_of_time_is_no_slice(tmp_path):
+    path = nrrd(tmp_path / "cine.nrrd", "spacings: 1 1 3", "kinds: domain domain time")
+    assert "one of its three axes is time (kinds: domain domain time)" in refusal(path)
+
+
+def test_directions_that_scale_the_voxels_are_told(tmp_path):
+    matrix = grid([(2, 0, 0), (0, 1, 0), (0, 0, 3)], (0, 0, 0))
+    lines = ("Offset = 0 0 0", "TransformMatrix = 2 0 0 0 1 0 0 0 1", "ElementSpacing = 1 1 3")
+    notes = notes_of(meta(tmp_path / "a.mha", *lines, matrix=matrix))
+    assert ["lengths 2 x 1 x 1 instead of 1" in note for note in notes] == [True]
 
 
 @pytest.mark.parametrize(

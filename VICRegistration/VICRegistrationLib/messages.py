@@ -165,6 +165,10 @@ SENTENCES = {
     "reference_in_pieces": _(
         "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."
     ),
+    "reference_hollow": _(
+        "The reference {reference} is hollow: {share:.0%} of what it encloses is not in it (a wall without its "
+        "lumen?), and its inner surface counts as well; --largest fills it."
+    ),
     "reference_mirrored": _(
         "The surface fits {reference} better with {sides} exchanged (volume Dice {mirrored_dice:.2f} instead of "
         "{dice:.2f}); one of the two is mirrored, or in another frame (LPS or RAS)."

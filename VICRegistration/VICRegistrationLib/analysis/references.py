@@ -25,6 +25,10 @@ _OTHER_SHAPES = (
 )
 
 
+# Share of a label's volume, filled, from which its hollows are no stray voxels.
+_HOLLOW = 0.01
+
+
 @dataclass(frozen=True, eq=False)
 class ReadReference:
     """A reference and what its file says of it.
@@ -136,7 +140,8 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
     if largest:
         region = replace(region, mask=fill_holes(region.mask))
     else:
-        pieces_found = _about_pieces(ndimage.label(region.mask)[1], f"{path}, label {segment}")
+        name = f"{path}, label {segment}"
+        pieces_found = (*_about_pieces(ndimage.label(region.mask)[1], name), *_about_hollows(region.mask, name))
     center = mask.to_ras([(mask.size - 1) / 2.0])[0]
     return ReadReference(mesh_of_mask(region.image), "label image", str(segment), pieces_found, tuple(notes), center)
 
@@ -144,3 +149,9 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
 def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
     """Warn of stray pieces, whose distances would count."""
     return () if count < 2 else (Diagnostic("reference_in_pieces", {"reference": reference, "count": count}),)
+
+
+def _about_hollows(mask: np.ndarray, reference: str) -> tuple[Diagnostic, ...]:
+    """Warn of a wall without its lumen, whose inner surface would count."""
+    share = 1.0 - mask.sum() / fill_holes(mask).sum()
+    return () if share < _HOLLOW else (Diagnostic("reference_hollow", {"reference": reference, "share": float(share)}),)

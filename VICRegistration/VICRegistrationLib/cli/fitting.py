@@ -24,6 +24,7 @@ from ..transactions import recover
 from .configuration import OrganRequest
 from .images import read_with_warnings
 from .organ_entries import FittedOrgan
+from .process import silenced_stderr
 from .references import OrganReference
 from .request_checks import check_request
 from .results_folder import Run, restored_organs, target_files, write_results
@@ -274,7 +275,9 @@ def _from_label(
         )
         raise ValueError(msg)
     notes: list[str] = []
-    label, segment = read_label(request.region, request.label, organ=request.name, warn=notes.append)
+    # What readers written in C print is an error, which they raise too.
+    with silenced_stderr():
+        label, segment = read_label(request.region, request.label, organ=request.name, warn=notes.append)
     for note in notes:
         warn(f"{request.name}: warning: {note}")
     try:

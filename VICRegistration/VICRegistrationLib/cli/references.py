@@ -11,7 +11,8 @@ from pathlib import Path
 from ..analysis.references import ReadReference, read_reference
 from ..export.mesh_reading import FRAMES, READABLE_MESHES
 from ..file_names import file_key
-from ..imaging.dicom import is_segmentation
+from ..imaging.dicom import segmentation_in
+from .process import silenced_stderr
 
 # Endings of references in a folder, the first that there is.
 _ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
@@ -115,7 +116,9 @@ def read_again(name: str, record: Mapping[str, object]) -> OrganReference:
 
 
 def _read(name: str, path: Path, asked: Mapping[str, object]) -> OrganReference:
-    return OrganReference(read_reference(path, organ=name, **asked), path, asked)
+    # What readers written in C print is an error, which they raise too.
+    with silenced_stderr():
+        return OrganReference(read_reference(path, organ=name, **asked), path, asked)
 
 
 def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
@@ -140,10 +143,9 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
     path = Path(reference)
     if not path.is_dir():
         return dict.fromkeys(names, path)
-    segmentations = [file for file in path.iterdir() if file.is_file() and is_segmentation(file)]
-    if len(segmentations) == 1:
-        # A folder with one DICOM segmentation, as archives export it.
-        return dict.fromkeys(names, segmentations[0])
+    segmentation = segmentation_in(path)
+    if segmentation is not None:
+        return dict.fromkeys(names, segmentation)
     found = {}
     for name in names:
         wanted = {file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}

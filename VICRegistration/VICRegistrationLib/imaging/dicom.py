@@ -17,9 +17,12 @@ from .slices import Slice, stacked
 from .volumes import SeveralVolumes
 
 _SOP_CLASS, _IMAGE_TYPE, _FRAMES, _SAMPLES = "0008|0016", "0008|0008", "0028|0008", "0028|0002"
+_PHOTOMETRIC, _SLOPE = "0028|0004", "0028|1053"
 _SERIES, _SERIES_DESCRIPTION, _SERIES_NUMBER = "0020|000e", "0008|103e", "0020|0011"
 _FRAME_OF_REFERENCE = "0020|0052"
 _READER = "GDCMImageIO"
+# All that it reports of a file whose pixels it does not find.
+_NO_PIXELS = "Cannot read requested file"
 _ROWS, _COLUMNS = "0028|0010", "0028|0011"
 _POSITION, _ORIENTATION, _SPACING = "0020|0032", "0020|0037", "0028|0030"
 _PLACING = {
@@ -68,6 +71,34 @@ def is_segmentation(path: Path) -> bool:
         return is_dicom(path) and _header(str(path)).get(_SOP_CLASS) in _SEGMENTATIONS
     except ValueError:
         return False
+
+
+def segmentation_in(folder: Path) -> Path | None:
+    """Find the DICOM segmentation of a folder, as archives export it.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    Path or None
+        None if it holds none.
+
+    Raises
+    ------
+    ValueError
+        If it holds several.
+    """
+    found = sorted(path for path in folder.iterdir() if path.is_file() and is_segmentation(path))
+    if len(found) > 1:
+        names = ", ".join(path.name for path in found[:_LISTED])
+        msg = (
+            f"The folder {folder} holds {len(found)} DICOM segmentations ({names}{', ...' * (len(found) > _LISTED)}); "
+            "give the file of one of them."
+        )
+        raise ValueError(msg)
+    return found[0] if found else None
 
 
 def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
@@ -245,6 +276,7 @@ def _read(headers: dict[str, Header], what: str, frame: int | None) -> tuple[np.
         _check_kind(header, name, what)
         slices += multiframe.slices_of(name) if _several_frames(header) else [_slice_of(name, header, what)]
     ordered, matrix = stacked(slices, what, frame)
+    _check_levels({each.source[0]: headers[each.source[0]] for each in ordered}, what)
     multi = {name for name, header in headers.items() if _several_frames(header)}
     return _voxels(ordered, multi, what), matrix
 
@@ -261,8 +293,8 @@ def _check_one_frame_of_reference(headers: Iterable[Header], what: str) -> None:
 
 def _check_kind(header: Header, name: str, what: str) -> None:
     """Refuse colours and mosaics."""
-    if _number(header, _SAMPLES) > 1 or "PALETTE" in header.get("0028|0004", ""):
-        msg = f"The DICOM images in {what} are in colour; grey levels are needed. Choose another series."
+    if _number(header, _SAMPLES) > 1 or "PALETTE" in header.get(_PHOTOMETRIC, ""):
+        msg = f"The image {name} of {what} is in colour; grey levels are needed. Choose another series."
         raise ValueError(msg)
     if "MOSAIC" in header.get(_IMAGE_TYPE, "").upper().split("\\"):
         msg = (
@@ -270,6 +302,37 @@ def _check_kind(header: Header, name: str, what: str) -> None:
             "convert the series to NIfTI, for example with dcm2niix, and give that file."
         )
         raise ValueError(msg)
+
+
+def _check_levels(headers: dict[str, Header], what: str) -> None:
+    """Refuse slices whose grey levels are not on one scale."""
+    scales = [header.get(_PHOTOMETRIC, "none") for header in headers.values()]
+    if len(set(scales)) > 1:
+        counts = ", ".join(f"{scales.count(scale)} {scale}" for scale in sorted(set(scales)))
+        msg = (
+            f"The slices of {what} differ in their PhotometricInterpretation ({counts}): what is bright in some is "
+            "dark in the others, and their levels are not on one scale. Export the series again from where it was "
+            "acquired."
+        )
+        raise ValueError(msg)
+    # ITK takes a slope that is none for 1, which changes nothing that matters if all slices have it.
+    if len({header.get(_SLOPE) for header in headers.values()}) < 2:
+        return
+    for name, header in headers.items():
+        if not _is_slope(header.get(_SLOPE) or "1"):
+            msg = (
+                f"The image {name} of {what} has the RescaleSlope {header[_SLOPE]}, and other slices another one, so "
+                "that its grey levels are not known; a number other than 0 is needed. Export the series again from "
+                "where it was acquired."
+            )
+            raise ValueError(msg)
+
+
+def _is_slope(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)) and float(text) != 0.0)
+    except ValueError:
+        return False
 
 
 def _slice_of(name: str, header: Header, what: str) -> Slice:
@@ -281,7 +344,7 @@ def _slice_of(name: str, header: Header, what: str) -> Slice:
         except ValueError:
             values[tag] = np.empty(0)
         if len(values[tag]) != count or not np.isfinite(values[tag]).all():
-            found = f"{keyword} {header[tag]!r}" if header.get(tag) else f"no {keyword}"
+            found = f"the {keyword} '{header[tag]}'" if header.get(tag) else f"no {keyword}"
             msg = (
                 f"The image {name} of {what} has {found}, so that its place in the patient is not known; {count} "
                 "numbers are needed. Export the series again from where it was acquired."
@@ -306,7 +369,10 @@ def _voxels(slices: Sequence[Slice], multi: set[str], what: str) -> np.ndarray:
                 image = sitk.ReadImage(name, imageIO=_READER)
                 found = sitk.GetArrayFromImage(image).reshape(1, *slices[numbers[0]].shape)
             except RuntimeError as error:
-                msg = f"The image {name} of {what} cannot be read ({one_line(error)}); copy the series again."
+                why = one_line(error)
+                if why == _NO_PIXELS:
+                    why = "its pixels are missing or cut short, or compressed in a way that is not known"
+                msg = f"The image {name} of {what} cannot be read ({why}); copy or export the series again."
                 raise ValueError(msg) from None
         for number, image in zip(numbers, found):
             images[number] = image

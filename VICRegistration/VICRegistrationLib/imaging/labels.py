@@ -63,8 +63,8 @@ def read_label(
     Parameters
     ----------
     path : path
-        Any image that `read_image` reads; segments of Slicer's .seg.nrrd files and of DICOM segmentations have names,
-        and may overlap.
+        Any image that `read_image` reads, or a folder with one DICOM segmentation; segments of Slicer's .seg.nrrd files
+        and of DICOM segmentations have names, and may overlap.
     label : int or str, optional
         Value or name of the segment, in upper or lower case. If not given, the only one that there is, or the one that
         has the organ's name.
@@ -86,6 +86,7 @@ def read_label(
     """
     path = Path(path)
     warn = warn or warnings.warn
+    path = (dicom.segmentation_in(path) if path.is_dir() else None) or path
     if path.is_file() and dicom.is_segmentation(path):
         image, segment = _dicom_segment(path, label, organ)
     else:
@@ -156,7 +157,7 @@ def _named_segments(path: Path) -> tuple[list[Segment], int]:
 
     Slicer up to 4.10 wrote a layer for each segment, with the value 1, and neither value nor layer into the header.
     """
-    header, layers = read_header(path)
+    header, layers = read_header(path) if path.is_file() else ({}, 1)
     listed: dict[int, dict[str, str]] = {}
     for key, text in header.items():
         match = re.fullmatch(r"Segment(\d+)_(ID|Name|LabelValue|Layer)", key)
@@ -180,7 +181,8 @@ def _whole(image: Image, path: Path) -> np.ndarray:
     if off.any():
         msg = (
             f"{path} holds {values[off][0]:g}; a label image holds whole numbers, 0 for the background. Give a "
-            "segmentation, not the image itself."
+            "segmentation, not the image itself; of one that was resampled by interpolation, or of probabilities, save "
+            "the voxels above one half as a mask."
         )
         raise ValueError(msg)
     return rounded

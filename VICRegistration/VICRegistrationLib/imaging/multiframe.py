@@ -116,6 +116,13 @@ def slices_of(name: str) -> list[Slice]:
             "volume; export the series as single slices or as an enhanced multi-frame file."
         )
         raise ValueError(msg)
+    placed, count = len(dataset.PerFrameFunctionalGroupsSequence), int(dataset.get("NumberOfFrames") or 1)
+    if placed < count:
+        msg = (
+            f"{name} holds {count} frames, but a place for {placed} of them only "
+            "(PerFrameFunctionalGroupsSequence); export the series again from where it was acquired."
+        )
+        raise ValueError(msg)
     dimensions = _dimensions(dataset)
     found = []
     for number, frame in enumerate(dataset.PerFrameFunctionalGroupsSequence):

@@ -23,6 +23,20 @@ _EARLIEST = {"n+1": 352, "n+2": 544}
 # Two matrices that put a corner of the image farther apart get a warning, mm; so do spacings that differ by more, as a
 # fraction.
 _WARNED_MM, _WARNED_SPACING = 0.5, 0.01
+# Sum of the squares of b, c and d, beyond 1, that rounding explains.
+_ROTATION = 1e-3
+
+
+def is_nifti(path: Path) -> bool:
+    """Whether a file holds a NIfTI volume, whatever its name is."""
+    reader = vtkNIFTIImageReader()
+    with silent_vtk():
+        if not reader.CanReadFile(str(path)):
+            return False
+        reader.SetFileName(str(path))
+        reader.UpdateInformation()
+    header = reader.GetNIFTIHeader()
+    return header is not None and header.GetMagic() in _EARLIEST
 
 
 def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -107,7 +121,7 @@ def _check_header(path: Path, header) -> None:
     if kind is None and int(np.prod(sizes[4:])) > 1:
         kind = f"vectors of {int(np.prod(sizes[4:]))} values"
     if kind:
-        msg = f"{path} holds {kind}; a grey-level image is needed. Convert it, or choose one channel."
+        msg = f"{path} holds {kind}; a grey-level image is needed. Save one channel of it as a file of its own."
         raise ValueError(msg)
     if len(sizes) < 3 or sizes[2] < 2:
         msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
@@ -134,7 +148,9 @@ def _scaled(array: np.ndarray, header) -> np.ndarray:
     ):
         return np.ascontiguousarray(array)
     exact = np.float32 if array.dtype.itemsize <= 2 else np.float64
-    return array.astype(exact) * exact(slope) + exact(intercept)
+    # What leaves the range of numbers is refused with its count.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return array.astype(exact) * exact(slope) + exact(intercept)
 
 
 # ------------------------------------------------------------------ place
@@ -148,17 +164,33 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
     usable = bool(np.isfinite(spacing).all() and np.all(spacing > 0.0))
     is_nifti = bool(header.GetMagic())
     qform = _qform(header, spacing) if usable and is_nifti and header.GetQFormCode() > 0 else None
-    if is_nifti and header.GetSFormCode() > 0:
-        matrix = np.array([header.GetSRowX(), header.GetSRowY(), header.GetSRowZ(), (0, 0, 0, 1)], dtype=float)
+    sform = _sform(header) if is_nifti and header.GetSFormCode() > 0 else None
+    if sform is not None and _places(sform):
+        matrix = sform
         notes += _about_sform(matrix, qform, spacing, shape)
+    elif sform is not None and qform is None:
+        rows = "; ".join(" ".join(f"{number:g}" for number in row) for row in sform[:3])
+        msg = (
+            f"{path} has an sform that places no voxels ({rows}), and no qform; three independent axes of finite "
+            "length are needed. Give the file it was made of, or correct its header."
+        )
+        raise ValueError(msg)
     elif not usable:
         steps = " x ".join(f"{step:g}" for step in spacing)
         msg = f"{path} has the voxel spacing {steps} mm; every spacing must be positive. Correct its header (pixdim)."
         raise ValueError(msg)
     elif qform is not None:
         matrix = qform
+        if sform is not None:
+            notes.append(
+                "its sform places no voxels (numbers that are not finite, or axes in one plane); the qform was taken"
+            )
     elif is_nifti and header.GetQFormCode() > 0:
-        msg = f"{path} has a qform whose quaternion is not finite, and no sform; write its header again."
+        numbers = ", ".join(f"{number:g}" for number in _quaternion(header))
+        msg = (
+            f"{path} has a qform whose quaternion is no rotation (b, c, d: {numbers}), and no sform; give the file it "
+            "was made of, or correct its header."
+        )
         raise ValueError(msg)
     else:
         # As ITK and Slicer take it.
@@ -171,17 +203,31 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
 
 
 def _qform(header, spacing: np.ndarray) -> np.ndarray | None:
-    """Matrix of the quaternion, as the standard has it; None if one of its numbers is none."""
-    b, c, d = header.GetQuaternB(), header.GetQuaternC(), header.GetQuaternD()
-    if not np.isfinite([b, c, d]).all():
+    """Matrix of the quaternion, as the standard has it; None if its numbers are no rotation and a place."""
+    b, c, d = _quaternion(header)
+    offset = header.GetQOffsetX(), header.GetQOffsetY(), header.GetQOffsetZ()
+    if not (np.isfinite([b, c, d, *offset]).all() and b * b + c * c + d * d < 1.0 + _ROTATION):
         return None
     a = np.sqrt(max(0.0, 1.0 - b * b - c * c - d * d))
     turn = Rotation.from_quat([b, c, d, a]).as_matrix()
     turn[:, 2] *= -1.0 if header.GetPixDim(0) < 0 else 1.0
     matrix = np.eye(4)
     matrix[:3, :3] = turn * spacing
-    matrix[:3, 3] = header.GetQOffsetX(), header.GetQOffsetY(), header.GetQOffsetZ()
+    matrix[:3, 3] = offset
     return matrix
+
+
+def _quaternion(header) -> tuple[float, float, float]:
+    return header.GetQuaternB(), header.GetQuaternC(), header.GetQuaternD()
+
+
+def _sform(header) -> np.ndarray:
+    return np.array([header.GetSRowX(), header.GetSRowY(), header.GetSRowZ(), (0, 0, 0, 1)], dtype=float)
+
+
+def _places(matrix: np.ndarray) -> bool:
+    """Whether a matrix places voxels."""
+    return bool(np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix[:3, :3]) == 3)
 
 
 def _about_sform(matrix, qform, spacing, shape) -> list[str]:

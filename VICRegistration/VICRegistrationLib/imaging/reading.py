@@ -31,6 +31,7 @@ _SMALL_MM, _FINE_MM = (4.0, 60.0), 0.15
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
 # Those of them that ITK fills up where the data end too soon.
 _UNNOTICED = ("VTKImageIO", "GiplImageIO")
+_ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".mrb")
 _PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
 
 
@@ -106,7 +107,10 @@ def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray
         read = dicom.read_file(path, frame) if path.is_file() else dicom.read_series(path, series, frame)
         array, matrix, notes = read
         return array, LPS_TO_RAS @ matrix, notes
-    if kind == "NiftiImageIO" or path.name.lower().endswith(nifti.ENDINGS):
+    if not path.stat().st_size:
+        msg = f"{path} cannot be read as an image (it is empty); copy or download it again, completely."
+        raise ValueError(msg)
+    if kind == "NiftiImageIO" or path.name.lower().endswith(nifti.ENDINGS) or (not kind and nifti.is_nifti(path)):
         return nifti.read_nifti(path, frame)
     return _read_by_itk(path, kind, frame)
 
@@ -201,6 +205,9 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
             "mm; give the DICOM series it was made of, or a NIfTI, NRRD or MetaImage file."
         )
         raise ValueError(msg)
+    if path.suffix.lower() in _ARCHIVES:
+        msg = f"{path} is an archive; unpack it, and give the image file or the folder of DICOM slices that is in it."
+        raise ValueError(msg)
     if kind and kind not in _VOLUMES:
         # Of MINC files, for one, ITK turns left and right, and front and back over.
         msg = (
@@ -216,6 +223,8 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
         _check_size(reader.GetSize(), path)
         notes = text_headers.notes_about(path, kind)
         text_headers.check_spacing(path, np.array(reader.GetSpacing()[:3]))
+        directions = np.reshape(reader.GetDirection(), [reader.GetDimension()] * 2)[:3, :3]
+        notes += text_headers.notes_about_directions(directions, np.array(reader.GetSpacing()[:3]))
         volume = _chosen(reader, frame, path)
     except RuntimeError as error:
         why = text_headers.cause(path, kind, str(error)) or one_line(error) if kind else "its format is not known"

@@ -285,9 +285,11 @@ def _about_uneven(heights: np.ndarray, what: str) -> str:
     steps = gaps / gaps.min()
     apart = f"{_capital(what)} holds slices that are {gaps.min():.2f} to {gaps.max():.2f} mm apart"
     missing = int(np.round(steps).sum()) - len(gaps)
-    # Most gaps are alike, and the others a multiple of them.
+    # Most gaps are alike, and the others a multiple of them. More slices than there are would hardly be missing: images
+    # of several time points that are a little apart, rather.
     usual = np.sort(steps)[(len(steps) - 1) // 2]
-    if missing and max(usual - 1.0, np.abs(steps - np.round(steps)).max()) < _MOST_STEPS:
+    multiples = max(usual - 1.0, np.abs(steps - np.round(steps)).max()) < _MOST_STEPS
+    if multiples and 0 < missing <= len(heights):
         return f"{apart}, so {_count(missing, 'slice')} may be missing. Copy the series again, with all of its slices."
     return f"{apart}; even distances are needed. Choose another series, or resample this one to even steps."
 

@@ -16,7 +16,20 @@ _SHORT_SPACES = {"lps", "ras", "las", "lpst"}
 _NOT_TURNED = {"rast", "last", "right-anterior-superior-time", "left-anterior-superior-time"}
 _MILLIMETRES = {"", "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
 _META_DIRECTIONS, _META_ORIGINS = {"transformmatrix", "rotation", "orientation"}, {"offset", "origin", "position"}
+# Fields that ITK reads only below NDims.
+_META_SIZED = {"dimsize", "centerofrotation", *_META_DIRECTIONS, *_META_ORIGINS, "elementspacing", "elementsize"}
+# What ITK reports of a file that it cannot read, and the cause in words.
+_CAUSES = (
+    (r"fread got only|expected \d+ bytes but received|trouble with inflate", "its data end too soon"),
+    ("valid space dimension", "its header has directions, an origin or units above its space, or without one"),
+    ("couldn't parse space \"", "its space is none that NRRD knows, such as left-posterior-superior"),
+    ("require endian", "its header does not give the order of bytes (endian: little or big)"),
+    ("space vector coefficients|parse origin", "its directions or its origin are no numbers"),
+    ("determinant is 0", "two of its axes have one direction"),
+)
 _META_DISTANCES, _MOST_AXES = {"elementspacing", "elementsize"}, 6
+# How far the length of a direction may be from 1: some programs write three digits.
+_UNIT = 5e-3
 _NO_AXES = "which way its axes point; they were taken as left, posterior and superior, as ITK and 3D Slicer do"
 _NO_ORIGIN = "where its first voxel is; that was taken as 0, 0, 0"
 
@@ -112,11 +125,18 @@ def cause(path: Path, kind: str, error: str) -> str:
         return "it is compressed by bzip2, which ITK cannot read; save it with gzip"
     if "number of domain axes" in error:
         return "it has more axes than its space, such as time; save one volume of it as a file of its own"
-    if "fread got only" in error or (kind == "MetaImageIO" and "for reading" in error):
-        return "its data end too soon"
-    if "valid space dimension" in error:
-        return "its header has directions, an origin or units above its space, or without one"
-    return "two of its axes have one direction" if "determinant is 0" in error else ""
+    if kind == "MetaImageIO" and "for reading" in error:
+        return _meta_cause(head)
+    return next((text for words, text in _CAUSES if re.search(words, error)), "")
+
+
+def _meta_cause(head: str) -> str:
+    """Name the cause of ITK's only report about a MetaImage file: that it cannot be read."""
+    fields = re.findall(r"^\s*(\w+)\s*=", head.split("ElementDataFile", maxsplit=1)[0], re.M)
+    late = [field for field in fields[: fields.index("NDims")] if field.lower() in _META_SIZED]
+    if late:
+        return f"its header has {late[0]} above NDims, which has to come first"
+    return "its data end too soon"
 
 
 def _about_nrrd(path: Path, head: str) -> list[str]:
@@ -126,6 +146,13 @@ def _about_nrrd(path: Path, head: str) -> list[str]:
     # One axis of four may count values of a voxel.
     if len(vectors) - vectors.count("none") < 3 and len(distances) < 3:
         raise ValueError(_no_distances(path, "space directions"))
+    kinds = fields.get("kinds", "").lower().split()
+    if len(kinds) == 3 and "time" in kinds:
+        msg = (
+            f"{path} says that one of its three axes is time (kinds: {' '.join(kinds)}): a time series of one slice, "
+            "which is no volume. Choose another file, or correct its header."
+        )
+        raise ValueError(msg)
     units = re.findall(r'"([^"]*)"', fields.get("space units", "") or fields.get("units", ""))
     _check_unit(path, next((unit for unit in units[:3] if unit.lower() not in _MILLIMETRES), ""))
     space = fields.get("space", "").lower()
@@ -184,6 +211,34 @@ def _no_distances(path: Path, field: str) -> str:
         f"{path} does not give the distances of its voxels (no {field} for each of its three axes); write them into "
         "its header, or give the file that it was made of."
     )
+
+
+def notes_about_directions(directions: np.ndarray, spacing: np.ndarray) -> list[str]:
+    """Report directions that are not of length 1, as they scale the distances of the voxels.
+
+    Parameters
+    ----------
+    directions : (3, 3) ndarray
+        In columns.
+    spacing : (3,) ndarray
+        As the file gives it, mm.
+
+    Returns
+    -------
+    list of str
+        A sentence, or none.
+    """
+    lengths = np.linalg.norm(directions, axis=0)
+    cosines = (directions.T @ directions)[np.triu_indices(3, 1)]
+    # Sheared axes are told of already.
+    if np.abs(lengths - 1.0).max() <= _UNIT or np.abs(cosines).max() > _UNIT:
+        return []
+    sizes = (lengths, spacing, lengths * spacing)
+    found, given, taken = (" x ".join(f"{length:.4g}" for length in each) for each in sizes)
+    return [
+        f"the directions of its axes have the lengths {found} instead of 1, so that its voxels of {given} mm were "
+        f"taken as {taken} mm, as ITK and 3D Slicer do"
+    ]
 
 
 def check_spacing(path: Path, spacing: np.ndarray) -> None:
