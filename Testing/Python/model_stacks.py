@@ -46,6 +46,20 @@ def stack(direction, *, moved=False, filling=1.0):
 
 def two_organs():
     """Their model: ellipsoids."""
+    return drawing_of({name: placed(ellipsoid(), name) for name in CENTERS}).model(name="two organs", landmarks={})
+
+
+def with_a_third_organ():
+    """The same with an organ, a sheet and a place on bone that the stacks do not show."""
     parents = {name: placed(ellipsoid(), name) for name in CENTERS}
-    cuts = {name: OrganCuts([0, 0.5], [0, 1], [[f"{name} front"], [f"{name} back"]]) for name in CENTERS}
-    return Drawing(parents, cuts).model(name="two organs", landmarks={})
+    matrix = np.eye(4)
+    matrix[:3, 3] = (0.0, -60.0, 0.0)
+    drawing = drawing_of({**parents, "rectum": parents["bladder"].transformed(matrix)})
+    ends = [CENTERS["vagina"] + (20.0, -40.0, height) for height in (-20.0, 20.0)]
+    drawing.sheet("band", drawing.border("vagina back", "u_max"), ends)
+    return drawing.model(name="three organs", landmarks={"peg": CENTER + (0.0, -30.0, 30.0)})
+
+
+def drawing_of(parents):
+    cuts = {name: OrganCuts([0, 0.5], [0, 1], [[f"{name} front"], [f"{name} back"]]) for name in parents}
+    return Drawing(parents, cuts)

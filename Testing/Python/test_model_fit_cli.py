@@ -1,18 +1,23 @@
-"""``vic-registration model fit``: the demo's MRI without its rectum."""
+"""``vic-registration model fit``: two organs of a model of three, in two stacks and one of noise."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import shutil
 
 import numpy as np
 import pytest
+from model_stacks import SEEDS, SHIFTS, stack, with_a_third_organ
 
 from VICRegistrationLib import cli
 from VICRegistrationLib.geometry.surface_file import read_surface
+from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.multipatch.file import read_model
-from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
+
+FILES = ("model.json", "model.step", "model.vtp", "model.png")
 
 
 def config(folder, organs):
@@ -23,31 +28,60 @@ def config(folder, organs):
 
 
 @pytest.fixture(scope="module")
-def given(pelvis, tmp_path_factory):
-    """Folder with the image, a configuration of two organs, and landmarks."""
-    folder = tmp_path_factory.mktemp("given")
-    write_image(pelvis.image, folder / "mri.nii.gz")
-    config(folder, [{"organ": name, "seed": pelvis.seeds[name].tolist()} for name in ("bladder", "vagina")])
-    marks = {name: point.tolist() for name, point in generic_pelvis().landmarks.items()}
+def given(tmp_path_factory):
+    """Stacks, a model with its landmarks, and a configuration with stacks of one organ alone."""
+    folder, model = tmp_path_factory.mktemp("given"), with_a_third_organ()
+    axial = stack("axial", moved=True)
+    noise = np.random.default_rng(3).normal(200.0, 80.0, axial.array.shape)
+    images = {"sag": stack("sagittal"), "ax": axial, "noise": Image(noise.astype(np.float32), axial.ijk_to_ras)}
+    for name, image in images.items():
+        write_image(image, folder / f"{name}.nii.gz")
+    model.save(folder / "model.json")
+    marks = {name: point.tolist() for name, point in model.landmarks.items()}
     (folder / "marks.json").write_text(json.dumps(marks), encoding="utf-8")
+    organs = [{"organ": name, "seed": seeds.tolist()} for name, seeds in SEEDS.items()]
+    organs[0]["also"] = ["noise.nii.gz", "ax.nii.gz"]
+    config(folder, organs)
+    return folder
+
+
+def model_fit(given, output, *words, organs=None):
+    words = ["--config", organs or given / "organs.json", "--output", output, *words]
+    return cli.main([*map(str, ["model", "fit", given / "sag.nii.gz", *words])])
+
+
+@pytest.fixture(scope="module")
+def told():
+    """What the command writes on stderr."""
+    return io.StringIO()
+
+
+@pytest.fixture(scope="module")
+def results(given, told, small_pictures, tmp_path_factory):
+    pytest.importorskip("jinja2", reason="the page needs Jinja2")
+    folder = tmp_path_factory.mktemp("results") / "out"
+    words = ["--model", given / "model.json", "--landmarks", given / "marks.json", "--also", given / "ax.nii.gz"]
+    with contextlib.redirect_stderr(told):
+        assert model_fit(given, folder, *words) == 0
     return folder
 
 
 @pytest.fixture(scope="module")
-def results(given, small_pictures, tmp_path_factory):
-    pytest.importorskip("jinja2", reason="the page needs Jinja2")
-    folder = tmp_path_factory.mktemp("results") / "out"
-    words = ["model", "fit", given / "mri.nii.gz", "--config", given / "organs.json", "--output", folder]
-    assert cli.main([*map(str, words), "--landmarks", str(given / "marks.json"), "--quiet"]) == 0
-    return folder
+def report(results):
+    return json.loads((results / "report.json").read_text(encoding="utf-8"))
 
 
-def test_the_folder_holds_the_model_and_its_organs(results):
+@pytest.fixture(scope="module")
+def page(results):
+    return (results / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_folder_holds_the_model_and_its_organs(results, report):
     names = {path.name for path in results.iterdir()}
-    assert {"model.json", "model.step", "model.vtp", "model.png", "report.html", "report.json"} <= names
-    assert {"bladder.json", "vagina.json", "bladder_convergence.csv"} <= names
+    assert {*FILES, "report.html", "bladder.json", "vagina.json", "bladder_convergence.csv"} <= names
     # What the image does not show is no organ of its own.
     assert "rectum.json" not in names
+    assert set(FILES) <= set(report["files"])
 
 
 def test_the_model_s_organs_are_the_fitted_surfaces(results):
@@ -58,53 +92,72 @@ def test_the_model_s_organs_are_the_fitted_surfaces(results):
     assert model.part("rectum").estimated
 
 
-def test_the_report_shows_what_was_predicted_and_estimated(results):
-    entry = json.loads((results / "report.json").read_text(encoding="utf-8"))["model"]
+def test_the_report_shows_what_was_predicted_and_estimated(given, report):
+    entry = report["model"]
     assert entry["predicted"] == ["rectum"]
-    assert "levator ani" in entry["estimated"]
-    assert entry["model"] == "pelvis"
+    assert entry["estimated"] == ["band"]
+    assert entry["model"] == str(given / "model.json")
     assert set(entry["distance_from_region_mm"]) == {"bladder", "vagina"}
-    # Regions are made of voxels of 0.6 x 0.6 x 4 mm.
+    # Regions are made of voxels of 1.2 x 1.2 x 4 mm.
     assert max(entry["distance_from_region_mm"].values()) < 1.0
     assert 0.3 < entry["smallest_determinant"] < 1.0
-    assert max(entry["landmarks_mm"].values()) < 3.0
+    assert set(entry["landmarks_mm"]) == {"peg"}
+    assert entry["landmarks_mm"]["peg"] < 3.0
     assert {found["code"] for found in entry["diagnostics"]} == {"organ_predicted", "parts_estimated", "header_trusted"}
 
 
-def test_the_page_calls_it_estimated_too(results):
-    page = (results / "report.html").read_text(encoding="utf-8")
-    assert "Generic model: pelvis" in page
+def test_the_page_calls_it_estimated_too(page):
+    assert "Generic model: three organs" in page
     assert "rectum (estimated)" in page
-    assert "levator ani (estimated)" in page
+    assert "band (estimated)" in page
     assert "The organ rectum was not given; it is predicted" in page
     assert "Smallest determinant" in page
 
 
-def test_files_of_the_model_belong_to_the_results(results):
-    stored = json.loads((results / "report.json").read_text(encoding="utf-8"))
-    assert {"model.json", "model.step", "model.vtp", "model.png"} <= set(stored["files"])
+def test_the_report_shows_what_became_of_each_stack_as_fit_does(given, report):
+    # Those of an organ are in place of those of the command line.
+    uses = report["organs"]["bladder"]["stacks"]
+    assert [use["file"] for use in uses] == [str(given / "noise.nii.gz"), str(given / "ax.nii.gz")]
+    assert [use["used"] for use in uses] == [False, True]
+    (use,) = report["organs"]["vagina"]["stacks"]
+    assert (use["file"], use["used"]) == (str(given / "ax.nii.gz"), True)
+    assert use["translation_mm"] == pytest.approx(SHIFTS["vagina"], abs=0.2)
 
 
-def test_a_later_fit_of_one_organ_removes_the_model_which_would_not_show_it(
-    capsys, given, results, tmp_path, pelvis, one_net
-):
+def test_the_page_shows_each_organ_in_the_stack_that_was_used(page):
+    assert page.count("in its own plane") == 2
+    assert "The stack shows no such edge" in page
+
+
+def test_motions_are_told(given, results, told):
+    lines = told.getvalue()
+    assert f"vagina: {given / 'ax.nii.gz'}, moved by R A S +0." in lines
+    assert "model: grey levels, coarse, all stacks" in lines
+
+
+def test_a_stack_is_not_replaced(given, tmp_path, capsys):
+    (tmp_path / "model.vtp").write_bytes((given / "ax.nii.gz").read_bytes())
+    assert model_fit(given, tmp_path, "--also", tmp_path / "model.vtp", "--no-pictures") == 2
+    assert "model.vtp" in capsys.readouterr().err
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_a_later_fit_of_one_organ_removes_the_model_which_would_not_show_it(capsys, given, results, tmp_path, one_net):
     folder = shutil.copytree(results, tmp_path / "out")
-    seeds = [f"--seed={','.join(map(str, seed))}" for seed in pelvis.seeds["bladder"].tolist()]
-    words = ["fit", given / "mri.nii.gz", "--organ", "bladder", *seeds, "--output", folder, "--no-pictures"]
+    seed = ",".join(map(str, SEEDS["bladder"][0]))
+    words = ["fit", given / "sag.nii.gz", "--organ", "bladder", f"--seed={seed}", "--output", folder, "--no-pictures"]
     assert cli.main(list(map(str, words))) == 0
     assert "removed from" in capsys.readouterr().err
-    assert not any((folder / name).exists() for name in ("model.json", "model.step", "model.vtp", "model.png"))
+    assert not any((folder / name).exists() for name in FILES)
     stored = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     assert "model" not in stored
     assert list(stored["organs"]) == ["bladder", "vagina"]
 
 
 def refused(capsys, given, tmp_path, *words, organs=None):
-    path = given / "organs.json" if organs is None else config(tmp_path, organs)
-    output = tmp_path / "out"
-    words = ["model", "fit", given / "mri.nii.gz", "--config", path, "--output", output, "--no-pictures", *words]
-    assert cli.main(list(map(str, words))) == 2
-    assert not output.exists()
+    path = organs and config(tmp_path, organs)
+    assert model_fit(given, tmp_path / "out", "--no-pictures", *words, organs=path) == 2
+    assert not (tmp_path / "out").exists()
     return capsys.readouterr().err
 
 
@@ -137,9 +190,10 @@ def test_a_model_that_is_not_there_is_refused(capsys, given, tmp_path):
     assert "give a file, or one of pelvis" in refused(capsys, given, tmp_path, "--model", tmp_path / "none.json")
 
 
-def test_an_unknown_landmark_is_refused_before_the_work(capsys, given, tmp_path):
+def test_an_unknown_landmark_is_refused_before_the_work_with_those_of_the_pelvis_that_ships(capsys, given, tmp_path):
     (tmp_path / "marks.json").write_text('{"navel": [0, 80, 40]}', encoding="utf-8")
-    assert "no landmark 'navel'" in refused(capsys, given, tmp_path, "--landmarks", tmp_path / "marks.json")
+    told = refused(capsys, given, tmp_path, "--landmarks", tmp_path / "marks.json")
+    assert "no landmark 'navel'; it has: symphysis, lower margin;" in told
 
 
 def test_the_landmarks_of_a_model_are_listed(capsys):

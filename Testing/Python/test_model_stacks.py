@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import json
-
 import numpy as np
 import pytest
 from model_stacks import SEEDS, SHIFTS, stack, truth, two_organs
 
 import VICRegistrationLib as vic
-from VICRegistrationLib import cli
 from VICRegistrationLib.analysis.distances import deviation
-from VICRegistrationLib.imaging.reading import write_image
 
 
 def error(surface, name):
@@ -114,75 +108,3 @@ def test_an_organ_that_the_image_cuts_is_completed_from_another_stack(sagittal, 
 def test_stacks_of_an_organ_that_is_not_fitted_are_refused(sagittal, axial):
     with pytest.raises(ValueError, match="stacks were given of 'rectum'.* bladder, vagina"):
         vic.fit_model(sagittal, SEEDS, two_organs(), further={"rectum": [axial]})
-
-
-@pytest.fixture(scope="module")
-def folder(sagittal, axial, noise, tmp_path_factory):
-    """Stacks, a model, and a configuration with a stack of one organ alone."""
-    folder = tmp_path_factory.mktemp("stacks")
-    for name, image in (("sag", sagittal), ("ax", axial), ("noise", noise)):
-        write_image(image, folder / f"{name}.nii.gz")
-    two_organs().save(folder / "model.json")
-    organs = [{"organ": name, "seed": seeds.tolist()} for name, seeds in SEEDS.items()]
-    organs[0]["also"] = ["noise.nii.gz", "ax.nii.gz"]
-    content = {"schema": "vic-registration/organs", "version": 1, "organs": organs}
-    (folder / "organs.json").write_text(json.dumps(content), encoding="utf-8")
-    return folder
-
-
-def model_fit(folder, output, *words):
-    given = [
-        "model",
-        "fit",
-        folder / "sag.nii.gz",
-        "--config",
-        folder / "organs.json",
-        "--model",
-        folder / "model.json",
-    ]
-    return cli.main([*map(str, given), "--output", str(output), *map(str, words)])
-
-
-@pytest.fixture(scope="module")
-def told():
-    """What the command writes on stderr."""
-    return io.StringIO()
-
-
-@pytest.fixture(scope="module")
-def output(folder, told, small_pictures, tmp_path_factory):
-    pytest.importorskip("jinja2", reason="the page needs Jinja2")
-    output = tmp_path_factory.mktemp("results") / "out"
-    with contextlib.redirect_stderr(told):
-        assert model_fit(folder, output, "--also", folder / "ax.nii.gz") == 0
-    return output
-
-
-def test_the_report_shows_what_became_of_each_stack_as_fit_does(folder, output):
-    organs = json.loads((output / "report.json").read_text(encoding="utf-8"))["organs"]
-    # Those of an organ are in place of those of the command line.
-    files = [use["file"] for use in organs["bladder"]["stacks"]]
-    assert files == [str(folder / "noise.nii.gz"), str(folder / "ax.nii.gz")]
-    assert [use["used"] for use in organs["bladder"]["stacks"]] == [False, True]
-    (use,) = organs["vagina"]["stacks"]
-    assert (use["file"], use["used"]) == (str(folder / "ax.nii.gz"), True)
-    assert use["translation_mm"] == pytest.approx(SHIFTS["vagina"], abs=0.2)
-
-
-def test_the_page_shows_each_organ_in_the_stack_that_was_used(output):
-    page = (output / "report.html").read_text(encoding="utf-8")
-    assert page.count("in its own plane") == 2
-    assert "The stack shows no such edge" in page
-
-
-def test_motions_are_told(folder, output, told):
-    lines = told.getvalue()
-    assert f"vagina: {folder / 'ax.nii.gz'}, moved by R A S +0." in lines
-    assert "model: grey levels, coarse, all stacks" in lines
-
-
-def test_a_stack_is_not_replaced(folder, tmp_path, capsys):
-    (tmp_path / "model.vtp").write_bytes((folder / "ax.nii.gz").read_bytes())
-    assert model_fit(folder, tmp_path, "--also", tmp_path / "model.vtp", "--no-pictures") == 2
-    assert "model.vtp" in capsys.readouterr().err
-    assert not (tmp_path / "report.json").exists()
