@@ -9,7 +9,6 @@ import pytest
 from small_model import egg_with_band
 
 from VICRegistrationLib.multipatch.check import check_model, require_meshable
-from VICRegistrationLib.multipatch.crossings import crossing
 from VICRegistrationLib.multipatch.model import MultiPatchModel
 from VICRegistrationLib.multipatch.pelvis import pelvis
 
@@ -110,18 +109,6 @@ def test_a_sheet_through_a_sheet_is_found_though_both_begin_at_one_corner():
     assert ("right pubocervical fascia", "levator ani") in {
         (item.values["part"], item.values["sheet"]) for item in found if item.code == "passes_through_sheet"
     }
-
-
-def test_triangles_that_touch_do_not_cross():
-    points = np.array(
-        [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2), (0.5, 0.5, -1), (0.5, 0.5, 1), (3, 3, 1)], dtype=float
-    )
-    first = np.array([[0, 1, 2]])
-    assert crossing(points, first, np.array([[0, 1, 3]])) is None
-    # They meet from (0.5, 0.5, 0) to there: an edge of each passes through the other one.
-    np.testing.assert_allclose(crossing(points, first, np.array([[4, 5, 6]])), (1.0, 1.0, 0.0))
-    np.testing.assert_allclose(crossing(points, np.array([[4, 5, 6]]), first), (0.5, 0.5, 0.0))
-    assert crossing(points, first, np.array([[3, 5, 6]])) is None
 
 
 def test_another_unit_is_found_and_refused(model):

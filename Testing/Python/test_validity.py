@@ -8,7 +8,7 @@ import pytest
 from VICRegistrationLib.geometry import bspline, models
 from VICRegistrationLib.geometry.parametrization import closed_organ
 from VICRegistrationLib.geometry.surface import BSplineSurface
-from VICRegistrationLib.geometry.validity import check_surface, validate
+from VICRegistrationLib.geometry.validity import check_surface, crossing_triangles, validate
 
 
 @pytest.fixture
@@ -290,3 +290,12 @@ def test_validate_raises_the_first_problem(sphere):
         validate(sphere.with_control_net(sphere.control_net[::-1]))
     with pytest.raises(ValueError, match="^The surface has a rim at"):
         validate(models.bell())
+
+
+def test_triangles_that_touch_do_not_cross():
+    points = np.array(
+        [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2), (0.5, 0.5, -1), (0.5, 0.5, 1), (3, 3, 1)], dtype=float
+    )
+    # Those of the second pair meet from (0.5, 0.5, 0) to (1, 1, 0); each of the others has a corner in common.
+    for other, expected in (([0, 1, 3], []), ([4, 5, 6], [[0, 1]])):
+        assert crossing_triangles(points, np.array([[0, 1, 2], other])).tolist() == expected

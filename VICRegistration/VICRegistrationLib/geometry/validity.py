@@ -231,7 +231,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
     mesh = triangulate(surface, resolution=resolution)
     if surface.closed and _is_star(mesh.points, mesh.triangles):
         return None
-    pairs = _crossing_triangles(mesh.points, mesh.triangles)
+    pairs = crossing_triangles(mesh.points, mesh.triangles)
     if not len(pairs):
         return None
     corners = mesh.points[mesh.triangles[pairs]].reshape(-1, 3)
@@ -240,7 +240,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
     margin = np.ptp(corners[:3], axis=0).max()
     inside = (mesh.points >= corners.min(axis=0) - margin) & (mesh.points <= corners.max(axis=0) + margin)
     triangles = mesh.triangles[inside.all(axis=1)[mesh.triangles].any(axis=1)]
-    pairs = _crossing_triangles(mesh.points, triangles)
+    pairs = crossing_triangles(mesh.points, triangles)
     if not len(pairs):
         return None
     centers = mesh.points[triangles[pairs[:, 0]]].mean(axis=1)
@@ -272,8 +272,19 @@ def _is_star(points: np.ndarray, triangles: np.ndarray) -> bool:
     return bool(angles.sum() < 6.0 * np.pi)
 
 
-def _crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Pairs of triangles without a common vertex that cross each other, (m, 2)."""
+def crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Find triangles that cross each other.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    triangles : (t, 3) ndarray of int
+
+    Returns
+    -------
+    (m, 2) ndarray of int
+        Pairs of them; those that have a vertex in common touch, and do not count.
+    """
     corners = points[triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
     middle = (low + high) / 2.0

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import numpy as np
 from vtkmodules.vtkFiltersModeling import vtkSelectEnclosedPoints
 
 from ..geometry.polydata import polydata
-from ..geometry.validity import check_surface
+from ..geometry.validity import check_surface, crossing_triangles
 from ..messages import Diagnostic
-from .crossings import crossing
 from .model import MultiPatchModel, Part, Patch
 from .topology import open_edges, share_of_points, shell
 from .triangles import model_triangles
@@ -150,13 +148,17 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
         A place of each pair.
     """
     mesh = model_triangles(model, chord_error=_CORD_CHORD)
-    sheets = {
-        part.name: mesh.triangles[mesh.of(model.patches_of(part.name))] for part in model.parts if part.kind == "sheet"
-    }
-    for (one, first), (other, second) in combinations(sheets.items(), 2):
-        place = crossing(mesh.points, first, second)
-        if place is not None:
-            yield Diagnostic("passes_through_sheet", {"part": one, "sheet": other, **_place(place)})
+    sheets = [part.name for part in model.parts if part.kind == "sheet"]
+    numbers = np.array([sheets.index(patch.part) if patch.part in sheets else -1 for patch in model.patches])
+    sheet_of = numbers[mesh.patch_of]
+    triangles, sheet_of = mesh.triangles[sheet_of >= 0], sheet_of[sheet_of >= 0]
+    pairs = crossing_triangles(mesh.points, triangles)
+    pairs = np.take_along_axis(pairs, np.argsort(sheet_of[pairs], axis=1), axis=1)
+    found = sheet_of[pairs]
+    for first, second in np.unique(found[found[:, 0] < found[:, 1]], axis=0):
+        one = pairs[(found == (first, second)).all(axis=1)][0]
+        place = mesh.points[triangles[one]].mean(axis=(0, 1))
+        yield Diagnostic("passes_through_sheet", {"part": sheets[first], "sheet": sheets[second], **_place(place)})
 
 
 def patch_samples(model: MultiPatchModel, patch: Patch) -> np.ndarray:
