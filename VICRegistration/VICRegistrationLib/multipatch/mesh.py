@@ -15,7 +15,7 @@ import numpy as np
 from ..export.step import Solid, validate_solids
 from ..frames import RAS_TO_LPS
 from ..geometry import bspline
-from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, faces_of, scaled_jacobians, volumes
+from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
 from ..meshing.process import PATCH_WORKER, MeshingError, require_gmsh, run_worker
 from ..meshing.regions import MeshOptions, field_file
 from ..meshing.sizes import size_field
@@ -106,7 +106,7 @@ def solid_volume(model: MultiPatchModel, part: Part) -> float:
 def _run(
     model: MultiPatchModel, solids: list[Part], options: MeshOptions, scale: float, end: float, say
 ) -> Mapping[str, np.ndarray]:
-    """Run gmsh; what it has found, in RAS."""
+    """Run gmsh; what it has found, in LPS."""
     say("choosing the sizes of the elements")
     error = options.volume_error * scale**2
     parents = list(model.parents.values())
@@ -153,8 +153,8 @@ def _assembled(
     model: MultiPatchModel, solids: list[Part], arrays: Mapping[str, np.ndarray], exact: Mapping[str, float], order: int
 ) -> TetrahedralMesh:
     """Put what gmsh has found into groups."""
-    points, tetrahedra, triangles = arrays["points"] * RAS_TO_LPS, arrays["tetrahedra"], arrays["triangles"].copy()
-    _turn_outward(model, solids, tetrahedra, arrays["regions"], triangles, arrays["faces"])
+    # Triangles are turned as the normals of their faces are: out of the part that the patch belongs to.
+    points, tetrahedra, triangles = arrays["points"] * RAS_TO_LPS, arrays["tetrahedra"], arrays["triangles"]
     notes = []
     if order == 2:
         points, tetrahedra, triangles, flattened = with_middles(
@@ -187,31 +187,6 @@ def _assembled(
         shells=shells,
         node_groups=_fixed_nodes(model, arrays, triangles),
     )
-
-
-def _turn_outward(model: MultiPatchModel, solids: list[Part], tetrahedra, regions, triangles, face_of) -> None:
-    """Let the triangles of solids run counter-clockwise seen from outside of the part that their patch belongs to."""
-    faces, first, _ = faces_of(tetrahedra)
-    rows = {part.name: number for number, part in enumerate(solids)}
-    wanted = np.array([rows.get(patch.part, -1) for patch in model.patches])[face_of]
-    mine = np.flatnonzero(wanted >= 0)
-    place = _places(np.sort(faces[:, :3], axis=1), np.sort(triangles[mine][:, :3], axis=1))
-    turned = regions[first[place]] != wanted[mine]
-    oriented = faces[place]
-    oriented[turned] = oriented[turned][:, [0, 2, 1]]
-    triangles[mine] = oriented
-
-
-def _places(rows: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each of the wanted rows stands among rows, (n, 3) of int; refuse what is not there."""
-    size = int(max(rows.max(), wanted.max())) + 1
-    keys = [(array[:, 0] * size + array[:, 1]) * size + array[:, 2] for array in (rows, wanted)]
-    order = np.argsort(keys[0])
-    place = order[np.minimum(np.searchsorted(keys[0][order], keys[1]), len(order) - 1)]
-    if (keys[0][place] != keys[1]).any():
-        msg = "gmsh returned tetrahedra that do not end at the patches; choose another element size."
-        raise MeshingError(msg)
-    return place
 
 
 def _fixed_nodes(
