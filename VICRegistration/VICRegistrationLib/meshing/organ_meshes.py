@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from .elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
 from .groups import patch_groups, second_order, surface_groups
 from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
 from .regions import MeshOptions, Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
+
+_Mesh = TypeVar("_Mesh")
 
 # Below this scaled Jacobian another way of meshing is tried.
 LEAST_QUALITY = 0.15
@@ -62,17 +65,42 @@ def mesh_organs(
     regions = regions_of(solids, options)
     _refuse_too_many(regions, options)
     attempts = _Attempts(regions, options, time.monotonic() + options.time_limit, say)
+    return _assembled(keeping_volumes(attempts.mesh, options.volume_error), regions, options.patches)
+
+
+def keeping_volumes(mesh: Callable[[float], tuple[_Mesh, Mapping[str, float]]], volume_error: float) -> _Mesh:
+    """Mesh with smaller elements until all parts keep their volumes.
+
+    Parameters
+    ----------
+    mesh : callable
+        Makes a mesh with so many times the size where surfaces are curved, and gives it with the relative difference
+        of each part's volume.
+    volume_error : float
+        Largest difference.
+
+    Returns
+    -------
+    What `mesh` has made.
+
+    Raises
+    ------
+    MeshingError
+        If the volumes are not kept after three meshes.
+    """
     scale = 1.0
-    for last in (False,) * (_TRIES - 1) + (True,):
-        draft = attempts.mesh(scale)
-        worst = np.abs(draft.off).max()
-        if worst <= options.volume_error:
-            break
-        if last:
-            _refuse_volume(draft.off, regions, options)
+    for _ in range(_TRIES):
+        made, off = mesh(scale)
+        worst = max(off, key=lambda part: abs(off[part]))
+        if abs(off[worst]) <= volume_error:
+            return made
         # The difference goes with the square of the size.
-        scale *= max(np.sqrt(0.8 * options.volume_error / worst), 0.5)
-    return _assembled(draft, regions, options.patches)
+        scale *= max(np.sqrt(0.8 * volume_error / abs(off[worst])), 0.5)
+    msg = (
+        f"gmsh returned a mesh of {worst} whose volume is {100.0 * off[worst]:+.2f} % off, more than the "
+        f"{100.0 * volume_error:g} % allowed; choose smaller elements, second order, or allow more."
+    )
+    raise MeshingError(msg)
 
 
 def mesh_surface(
@@ -124,15 +152,13 @@ def mesh_surface(
 class _Draft:
     """What has come back from gmsh, checked.
 
-    ``region`` is that of each tetrahedron, ``exact`` the volume of the exact solids by group, ``off`` the relative
-    difference from it.
+    ``region`` is that of each tetrahedron, ``exact`` the volume of the exact solids by group.
     """
 
     points: np.ndarray
     tetrahedra: np.ndarray
     region: np.ndarray
     exact: Mapping[str, float]
-    off: np.ndarray
     notes: tuple[Diagnostic, ...]
 
 
@@ -145,8 +171,8 @@ class _Attempts:
     end: float
     say: Callable[[str], None]
 
-    def mesh(self, scale: float) -> _Draft:
-        """Mesh with so much smaller elements where the surface is curved."""
+    def mesh(self, scale: float) -> tuple[_Draft, dict[str, float]]:
+        """Mesh with so much smaller elements where the surface is curved; by how much each volume is off."""
         regions = self.regions
         result = self._run(scale)
         self.say("checking the mesh")
@@ -157,12 +183,12 @@ class _Attempts:
             points, tetrahedra, flattened = second_order(
                 points, tetrahedra, region, surfaces, least_quality=LEAST_QUALITY
             )
-            _refuse_inverted(points, tetrahedra)
+            refuse_inverted(points, tetrahedra)
             if flattened:
                 notes.append(Diagnostic("edges_straightened", {"count": int(flattened)}))
         exact = exact_volumes(regions, result.notes["volumes"])
         off = _volume_errors(points, tetrahedra, region, exact)
-        return _Draft(points, tetrahedra, region, exact, off, tuple(notes))
+        return _Draft(points, tetrahedra, region, exact, tuple(notes)), off
 
     def _run(self, scale: float) -> Result:
         """Run gmsh; if it crashes or hangs, once more on surfaces that are cut otherwise."""
@@ -213,30 +239,21 @@ def _checked_arrays(arrays: Mapping[str, np.ndarray], n_regions: int):
         raise MeshingError(msg)
     used, cells = np.unique(cells, return_inverse=True)
     points, cells = points[used] * RAS_TO_LPS, cells.reshape(-1, 4)
-    _refuse_inverted(points, cells)
+    refuse_inverted(points, cells)
     return points, cells, region
 
 
-def _refuse_inverted(points, cells) -> None:
+def refuse_inverted(points: np.ndarray, cells: np.ndarray) -> None:
+    """Refuse a mesh with elements that are turned inside out."""
     inverted = int(np.count_nonzero(scaled_jacobians(points, cells) <= 0.0))
     if inverted:
         msg = f"gmsh returned {inverted} inverted elements among {len(cells)}; choose another element size."
         raise MeshingError(msg)
 
 
-def _volume_errors(points, tetrahedra, region, exact: Mapping[str, float]) -> np.ndarray:
+def _volume_errors(points, tetrahedra, region, exact: Mapping[str, float]) -> dict[str, float]:
     found = np.bincount(region, weights=volumes(points, tetrahedra), minlength=len(exact))
-    return found / np.array(list(exact.values())) - 1.0
-
-
-def _refuse_volume(off: np.ndarray, regions: Sequence[Region], options: MeshOptions) -> None:
-    worst = int(np.argmax(np.abs(off)))
-    msg = (
-        f"gmsh returned a mesh of {regions[worst].group} whose volume is "
-        f"{100.0 * off[worst]:+.2f} % off, more than the {100.0 * options.volume_error:g} % allowed; choose smaller "
-        "elements, second order, or allow more."
-    )
-    raise MeshingError(msg)
+    return {part: float(volume / exact[part]) - 1.0 for part, volume in zip(exact, found)}
 
 
 def _assembled(draft: _Draft, regions: Sequence[Region], patches: tuple[int, int]) -> TetrahedralMesh:

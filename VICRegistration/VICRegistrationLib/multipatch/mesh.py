@@ -16,7 +16,8 @@ from ..export.step import Solid, validate_solids
 from ..frames import RAS_TO_LPS
 from ..geometry import bspline
 from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
-from ..meshing.process import PATCH_WORKER, MeshingError, require_gmsh, run_worker
+from ..meshing.organ_meshes import keeping_volumes, refuse_inverted
+from ..meshing.process import PATCH_WORKER, require_gmsh, run_worker
 from ..meshing.regions import MeshOptions, field_file
 from ..meshing.sizes import size_field
 from ..messages import Diagnostic
@@ -28,8 +29,6 @@ from .topology import Side, shell, sides
 
 # Below this scaled Jacobian another way of meshing is tried; where none is better, the part is named.
 LEAST_QUALITY = 0.1
-# How often a mesh is made, each time with smaller elements, until it keeps the volumes.
-_TRIES = 3
 
 
 def mesh_model(
@@ -72,24 +71,17 @@ def mesh_model(
     validate_solids([Solid(organ, parent) for organ, parent in model.parents.items()])
     solids = [part for part in model.parts if part.kind != "sheet"]
     exact = {part.labelled(): solid_volume(model, part) for part in solids}
-    end, scale = time.monotonic() + options.time_limit, 1.0
-    for last in (False,) * (_TRIES - 1) + (True,):
+    end = time.monotonic() + options.time_limit
+
+    def meshed(scale: float) -> tuple[TetrahedralMesh, dict[str, float]]:
         arrays = _run(model, solids, options, scale, end, say)
         mesh = _assembled(model, solids, arrays, exact, options.order)
-        off = {
-            name: float(volumes(mesh.points, mesh.tetrahedra[rows]).sum()) / exact[name] - 1.0
-            for name, rows in mesh.tetrahedron_groups.items()
+        found = {
+            name: volumes(mesh.points, mesh.tetrahedra[rows]).sum() for name, rows in mesh.tetrahedron_groups.items()
         }
-        worst = max(off, key=lambda name: abs(off[name]))
-        if abs(off[worst]) <= options.volume_error or last:
-            break
-        scale *= max(np.sqrt(0.8 * options.volume_error / abs(off[worst])), 0.5)
-    if abs(off[worst]) > options.volume_error:
-        msg = (
-            f"gmsh returned a mesh of {worst} whose volume is {100.0 * off[worst]:+.2f} % off, more than the "
-            f"{100.0 * options.volume_error:g} % allowed; choose smaller elements, second order, or allow more."
-        )
-        raise MeshingError(msg)
+        return mesh, {name: float(volume / exact[name]) - 1.0 for name, volume in found.items()}
+
+    mesh = keeping_volumes(meshed, options.volume_error)
     return replace(mesh, notes=(*through_organs(model), *through_cords(model), *mesh.notes))
 
 
@@ -161,13 +153,9 @@ def _assembled(
             model, points, tetrahedra, triangles, arrays["faces"], least_quality=LEAST_QUALITY
         )
         notes += [Diagnostic("edges_straightened", {"count": flattened})] if flattened else []
-    jacobian = scaled_jacobians(points, tetrahedra)
-    inverted = int(np.count_nonzero(jacobian <= 0.0))
-    if inverted:
-        msg = f"gmsh returned {inverted} inverted elements among {len(tetrahedra)}; choose another element size."
-        raise MeshingError(msg)
+    refuse_inverted(points, tetrahedra)
     groups = {part.labelled(): np.flatnonzero(arrays["regions"] == number) for number, part in enumerate(solids)}
-    notes += _poor(points, tetrahedra, jacobian, groups)
+    notes += _poor(points, tetrahedra, groups)
     patch_groups, shells = {}, {}
     for number, patch in enumerate(model.patches):
         part = model.part(patch.part)
@@ -214,9 +202,9 @@ def _middles_between(ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return middles[outer] if len(middles) else middles
 
 
-def _poor(points, tetrahedra, jacobian, groups: Mapping[str, np.ndarray]) -> list[Diagnostic]:
+def _poor(points, tetrahedra, groups: Mapping[str, np.ndarray]) -> list[Diagnostic]:
     """Parts with badly shaped elements."""
-    found = []
+    jacobian, found = scaled_jacobians(points, tetrahedra), []
     for name, rows in groups.items():
         worst = rows[int(np.argmin(jacobian[rows]))]
         if jacobian[worst] < LEAST_QUALITY:
