@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 
 
 def fit(folder, *words):
-    return cli.main(["fit", str(folder / "sag.nii.gz"), "--quiet", *map(str, words)])
+    return cli.main(["fit", str(folder / "sag.nii.gz"), "--quiet", "--net", "9x7", *map(str, words)])
 
 
 def stacks_of(output, organ="bladder"):
@@ -39,7 +39,7 @@ def stacks_of(output, organ="bladder"):
 
 
 @pytest.fixture(scope="module")
-def output(folder, tmp_path_factory):
+def output(folder, small_pictures, tmp_path_factory):
     """Results with a stack that is used and one that is left out."""
     output = tmp_path_factory.mktemp("out")
     also = ["--also", folder / "ax.nii.gz", "--also", folder / "noise.nii.gz"]
