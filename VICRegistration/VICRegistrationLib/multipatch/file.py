@@ -44,10 +44,25 @@ from .model import MultiPatchModel, Part, Patch, assembled
 
 SCHEMA = "vic-registration/model"
 VERSION = 1
-_KEYS = ("name", "frame", "unit", "organs", "parts", "points", "patches", "fixed", "landmarks")
+_KINDS = {
+    "name": str,
+    "organs": dict,
+    "parts": list,
+    "points": list,
+    "patches": list,
+    "fixed": dict,
+    "landmarks": dict,
+}
 _ORGAN_KEYS = ("degrees", "knots_u", "knots_v", "control_net", "cuts_u", "cuts_v", "patches", "points")
 _PART_KEYS = ("name", "kind", "thickness", "estimated", "foot")
 _PATCH_KEYS = ("name", "part", "degrees", "knots_u", "knots_v", "indices")
+_SHAPES = {
+    (float, 1): "a list of numbers",
+    (float, 2): "a list of points [r, a, s]",
+    (float, 3): "rows of equal length of points [r, a, s]",
+    (int, 1): "a list of whole numbers",
+    (int, 2): "rows of equal length of whole numbers",
+}
 
 
 def write_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
@@ -154,8 +169,14 @@ def model_of_text(text: str | bytes, where: str) -> MultiPatchModel:
     ValueError
         If the text is not that of a model that this version understands.
     """
-    content = checked_content(text, where, kind="model", schema=SCHEMA, version=VERSION, keys=_KEYS)
-    _check_kinds(content, where)
+    content = checked_content(
+        text, where, kind="model", schema=SCHEMA, version=VERSION, keys=("frame", "unit", *_KINDS)
+    )
+    for key, kind in _KINDS.items():
+        if not isinstance(content[key], kind):
+            needed = {dict: "an object", list: "a list", str: "text"}[kind]
+            msg = f"The key {key!r} of the {where} is not {needed}; give {needed}."
+            raise ValueError(msg)
     try:
         return _model_of(content)
     except (ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -172,23 +193,6 @@ def is_model_file(path: str | os.PathLike) -> bool:
         return False
 
 
-def _check_kinds(content: Mapping[str, object], where: str) -> None:
-    """Refuse keys that hold something of another kind."""
-    for key, kind in (
-        ("organs", dict),
-        ("parts", list),
-        ("points", list),
-        ("patches", list),
-        ("fixed", dict),
-        ("landmarks", dict),
-        ("name", str),
-    ):
-        if not isinstance(content[key], kind):
-            needed = {dict: "an object", list: "a list", str: "text"}[kind]
-            msg = f"The key {key!r} of the {where} is not {needed}; give {needed}."
-            raise ValueError(msg)
-
-
 def _model_of(content: dict) -> MultiPatchModel:
     """Build the model below a checked header."""
     parents, cuts = {}, {}
@@ -196,14 +200,14 @@ def _model_of(content: dict) -> MultiPatchModel:
         _require(organ, _ORGAN_KEYS, f"The organ {name!r}")
         parents[name] = BSplineSurface(
             _degrees(organ, name),
-            _numbers(organ["knots_u"], f"knots_u of {name!r}", 1),
-            _numbers(organ["knots_v"], f"knots_v of {name!r}", 1),
-            _numbers(organ["control_net"], f"control_net of {name!r}", 3),
+            _array(organ["knots_u"], f"knots_u of {name!r}", 1),
+            _array(organ["knots_v"], f"knots_v of {name!r}", 1),
+            _array(organ["control_net"], f"control_net of {name!r}", 3),
         )
         check_place(parents[name])
         cuts[name] = OrganCuts(
-            _numbers(organ["cuts_u"], f"cuts_u of {name!r}", 1),
-            _numbers(organ["cuts_v"], f"cuts_v of {name!r}", 1),
+            _array(organ["cuts_u"], f"cuts_u of {name!r}", 1),
+            _array(organ["cuts_v"], f"cuts_v of {name!r}", 1),
             tuple(tuple(str(patch) for patch in column) for column in organ["patches"]),
         )
     for number, part in enumerate(content["parts"], start=1):
@@ -215,10 +219,10 @@ def _model_of(content: dict) -> MultiPatchModel:
         parents,
         cuts,
         [Part(**{key: part[key] for key in _PART_KEYS}) for part in content["parts"]],
-        free_points=_numbers(points, "points", 2) if points else (),
+        free_points=_array(points, "points", 2) if points else (),
         free_patches=[_patch(patch) for patch in content["patches"]],
-        fixed={place: _whole(group, f"fixed points {place!r}", 1) for place, group in content["fixed"].items()},
-        landmarks={place: _numbers(point, f"landmark {place!r}", 1) for place, point in content["landmarks"].items()},
+        fixed={place: _array(group, f"fixed points {place!r}", 1, int) for place, group in content["fixed"].items()},
+        landmarks={place: _array(point, f"landmark {place!r}", 1) for place, point in content["landmarks"].items()},
         name=content["name"],
     )
     for organ, part in model.ranges().items():
@@ -231,8 +235,10 @@ def _model_of(content: dict) -> MultiPatchModel:
 
 def _patch(entry: Mapping) -> Patch:
     name = entry["name"]
-    knots = tuple(_numbers(entry[key], f"{key} of {name!r}", 1) for key in ("knots_u", "knots_v"))
-    return Patch(name, entry["part"], _degrees(entry, name), knots, _whole(entry["indices"], f"indices of {name!r}", 2))
+    knots = tuple(_array(entry[key], f"{key} of {name!r}", 1) for key in ("knots_u", "knots_v"))
+    return Patch(
+        name, entry["part"], _degrees(entry, name), knots, _array(entry["indices"], f"indices of {name!r}", 2, int)
+    )
 
 
 def _require(entry: object, keys: tuple[str, ...], what: str) -> None:
@@ -253,31 +259,14 @@ def _degrees(entry: Mapping, name: str) -> tuple[int, int]:
     return degrees[0], degrees[1]
 
 
-def _numbers(values: object, what: str, dimensions: int) -> np.ndarray:
-    """Turn lists of numbers into an array of that many dimensions."""
+def _array(values: object, what: str, dimensions: int, kind: type = float) -> np.ndarray:
+    """Turn lists into an array of numbers, or of whole numbers, of that many dimensions."""
     try:
-        array = np.array(values, dtype=float)
+        array = np.array(values, dtype=float if kind is float else None)
     except (ValueError, TypeError):
         array = np.zeros(0)
-    if array.ndim != dimensions or not array.size or (dimensions > 1 and array.shape[-1] != 3):
-        shape = {
-            1: "a list of numbers",
-            2: "a list of points [r, a, s]",
-            3: "rows of equal length of points [r, a, s]",
-        }[dimensions]
-        msg = f"The {what} must be {shape}; the file has something else there."
-        raise ValueError(msg)
-    return array
-
-
-def _whole(values: object, what: str, dimensions: int) -> np.ndarray:
-    """Turn lists of whole numbers into an array of that many dimensions."""
-    try:
-        array = np.array(values)
-    except ValueError:
-        array = np.zeros(0)
-    if array.ndim != dimensions or array.dtype.kind != "i":
-        shape = {1: "a list of whole numbers", 2: "rows of equal length of whole numbers"}[dimensions]
-        msg = f"The {what} must be {shape}; the file has something else there."
+    fits = array.dtype.kind == "i" if kind is int else dimensions == 1 or array.shape[-1] == 3
+    if array.ndim != dimensions or not array.size or not fits:
+        msg = f"The {what} must be {_SHAPES[kind, dimensions]}; the file has something else there."
         raise ValueError(msg)
     return array
