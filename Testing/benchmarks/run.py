@@ -42,7 +42,6 @@ BENCHMARKS = {
     "sampling": ("volumes.sampling_report", "Sampling grey levels"),
     "boundary": ("boundaries.report", "Boundary points"),
     "corrections": ("corrections.report", "Boundary points where the start is wrong"),
-    "preview": ("previews.report", "The preview in Slicer"),
     "meshes": ("meshes.report", "Meshes of tetrahedra"),
     "models": ("models.report", "Generic models of several organs"),
     "modelfits": ("model_fits.report", "Generic models fitted to images"),
