@@ -10,14 +10,18 @@ import pytest
 from small_phantom import SEED, ellipsoid_image
 
 from VICRegistrationLib import cli
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.choices import Choice
 from VICRegistrationLib.registration.verdict import verdict_of
 
 
-def judged(*diagnostics, choices=()):
-    verdict = verdict_of(SimpleNamespace(choices=choices), diagnostics)
+def judged(*diagnostics, choices=(), region=None, surface=None):
+    fit = SimpleNamespace(choices=choices, region=region, whole_region=None, surface=surface)
+    verdict = verdict_of(fit, diagnostics)
     return verdict.word, [reason.code for reason in verdict.reasons]
 
 
@@ -30,6 +34,23 @@ def test_the_area_without_an_edge_decides(share, word):
 def test_the_worst_reason_comes_first():
     found = [Diagnostic("starts_differ", {}), Diagnostic("reaches_border", {}), Diagnostic("volume_differs", {})]
     assert judged(*found) == ("poor", ["volume_differs", "starts_differ"])
+
+
+@pytest.mark.parametrize(("first", "axis"), [(0, 2), (0, 1), (0, 0), (-1, 2), (-1, 1), (-1, 0)])
+@pytest.mark.parametrize(("depth", "word"), [(1.0, "good"), (4.0, "check")])
+def test_an_organ_that_the_border_cuts_is_checked(first, axis, depth, word):
+    spacing, radius = np.array([1.0, 0.5, 2.0]), 12.0
+    size = np.array([32, 64, 16])
+    places = np.stack(np.meshgrid(*(spacing[a] * np.arange(size[a]) for a in range(3)), indexing="ij"), axis=-1)
+    center = spacing * (size - 1) / 2.0
+    center[axis] = radius - depth if first == 0 else spacing[axis] * (size[axis] - 1) - radius + depth
+    mask = (np.linalg.norm(places - center, axis=-1) < radius).transpose(2, 1, 0)
+    image = Image(np.zeros(mask.shape), np.diag([*spacing, 1.0]))
+    region = region_from_mask(image, mask)
+    assert region.touches_border == ("ijk"[axis] + ("-" if first == 0 else "+"),)
+    surface = closed_organ(axes=radius * np.eye(3), center=center)
+    reasons = [] if word == "good" else ["reaches_border"]
+    assert judged(Diagnostic("reaches_border", {}), region=region, surface=surface) == (word, reasons)
 
 
 def test_what_was_kept_of_a_fit_counts():

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..messages import Diagnostic
 from .organ_fit import OrganFit
 
@@ -19,6 +21,9 @@ _CHECKED = (
 )
 _POOR = ("invalid_surface", "no_clear_edge", "volume_differs")
 _SHARES = ("no_edge_in_places", "no_edge_at_side")
+# Share of the area that lies on the border of the image. Seven real bladders that end in their image have 0 to 0.05
+# where they are good; cut by a seventh of their slices they have 0.16 and more, and that of a PROSTATEx image 0.12.
+_CUT_SHARE = 0.08
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ def verdict_of(fit: OrganFit, diagnostics: Sequence[Diagnostic]) -> Verdict:
     """
     found = {POOR: [], CHECK: []}
     for diagnostic in (*diagnostics, *(reason for choice in fit.choices for reason in choice.reasons)):
-        word = _severity(diagnostic)
+        word = CHECK if diagnostic.code == "reaches_border" and _is_cut(fit) else _severity(diagnostic)
         if word != GOOD:
             found[word].append(diagnostic)
     word = POOR if found[POOR] else CHECK if found[CHECK] else GOOD
@@ -67,3 +72,16 @@ def _severity(diagnostic: Diagnostic) -> str:
     if diagnostic.code in _POOR or diagnostic.values.get("kept") == "closed surface of the region":
         return POOR
     return CHECK if diagnostic.code in _CHECKED else GOOD
+
+
+def _is_cut(fit: OrganFit) -> bool:
+    """Whether the border of the image cuts off more of the organ than an end: then its volume is not known."""
+    region = fit.whole_region or fit.region
+    if region is None:
+        return False
+    steps, cut = region.ijk_to_ras[:3, :3], 0.0
+    for face in region.touches_border:
+        axis = "ijk".index(face[0])
+        pixel = np.linalg.norm(np.cross(*np.delete(steps, axis, axis=1).T))
+        cut += pixel * np.count_nonzero(region.mask.take(0 if face[1] == "-" else -1, axis=2 - axis))
+    return cut >= _CUT_SHARE * fit.surface.area()
