@@ -22,7 +22,8 @@ pytestmark = pytest.mark.usefixtures("one_net", "small_pictures")
 def organs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("organs")
     write_image(ellipsoid_image(), folder / "mri.nrrd")
-    return fit_to_folder(folder / "mri.nrrd", [organ_request("bladder", [CENTER])], folder / "out", pictures=False)
+    requests = [organ_request("bladder", [CENTER])]
+    return fit_to_folder(folder / "mri.nrrd", requests, folder / "out", pictures=False).organs
 
 
 def test_the_table_shows_deviation_volume_and_time(organs):

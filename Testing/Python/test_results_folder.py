@@ -188,9 +188,8 @@ def refer(folder, organ, reference):
 def test_an_organ_comes_back_as_it_was_written(images, tmp_path):
     image = read_image(images / "mri.nrrd")
     words = {"boundary": [(3.0, 8.0, -20.0)], "dilation": 1.5, "threshold": (450.0, 1200.0), "smoothness": 1e-4}
-    (organ,) = fitting.fit_to_folder(
-        images / "mri.nrrd", [organ_request("bladder", [CENTER], **words)], tmp_path / "out", pictures=False
-    )
+    requests = [organ_request("bladder", [CENTER], **words)]
+    (organ,) = fitting.fit_to_folder(images / "mri.nrrd", requests, tmp_path / "out", pictures=False).organs
     entry = json.loads(json.dumps(organ_entry(organ, image)))
     back = restored_organ("bladder", entry, tmp_path / "out", image)
     np.testing.assert_array_equal(back.fit.surface.control_net, organ.fit.surface.control_net)

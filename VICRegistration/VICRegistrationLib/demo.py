@@ -15,7 +15,7 @@ from pathlib import Path
 from .analysis.distances import deviation
 from .analysis.references import ReadReference
 from .cli.configuration import read_requests
-from .cli.console import aligned
+from .cli.console import aligned, lines_to
 from .cli.fitting import fit_to_folder
 from .cli.organ_entries import FittedOrgan
 from .cli.references import OrganReference
@@ -49,24 +49,22 @@ def run_demo(directory: Path) -> Path:
     RuntimeError
         If matplotlib is not installed.
     """
-    _say("Painting a sagittal T2-weighted MRI of a pelvis ...")
+    print("Painting a sagittal T2-weighted MRI of a pelvis ...")
     phantom = pelvis_phantom()
     with replacing_folder(directory / "phantom") as drafts:
         write_phantom(phantom, drafts)
-    organs = fit_to_folder(
+    run = fit_to_folder(
         directory / "phantom" / "mri.nii.gz",
         read_requests(directory / "phantom" / "organs.json"),
         directory / "organs",
         step=True,
         references=_references(phantom.surfaces, directory / "phantom" / "truth"),
-        say=_say,
-        warn=_say,
     )
-    _write_mesh(organs, directory / "mesh")
+    _write_mesh(run.organs, directory / "mesh")
     print("\nDeviation of the fitted surfaces from the true ones (signed: positive is outside of the truth):\n")
-    print(deviation_table(organs, phantom.surfaces))
+    print(deviation_table(run.organs, phantom.surfaces))
     print(f"\nEverything on one page: {(directory / 'organs' / PAGE).resolve()}")
-    return directory / "organs" / (OVERVIEW if len(organs) > 1 else f"{organs[0].name}.png")
+    return directory / "organs" / (OVERVIEW if len(run.organs) > 1 else f"{run.names[0]}.png")
 
 
 def _references(truths: Mapping[str, BSplineSurface], folder: Path) -> dict[str, OrganReference]:
@@ -87,13 +85,13 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     from .report.figure import save_figure
     from .report.pictures import mesh_figure
 
-    _say(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
+    print(f"\nMeshing the organs with elements of {MESH_SIZE_MM:g} mm ...")
     solids = colored_solids({organ.name: organ.fit.surface for organ in organs})
     try:
         mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
     except MeshingError as error:
         # Everything else is there: gmsh may not be installed, or miss a library of the system.
-        _say(f"No mesh: {error}")
+        print(f"No mesh: {error}")
         return
     with replacing_folder(directory) as drafts:
         for suffix in (".vtu", ".msh"):
@@ -102,12 +100,8 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
         (drafts / "organs.quality.json").write_text(report + "\n", encoding="utf-8")
         save_figure(mesh_figure(mesh, f"Mesh of {MESH_SIZE_MM:g} mm"), drafts / "organs.png")
     for line in quality(mesh).lines():
-        _say(line)
-    _say(f"written to {directory}: organs.vtu, organs.msh, organs.quality.json, organs.png")
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
+        print(line)
+    print(f"written to {directory}: organs.vtu, organs.msh, organs.quality.json, organs.png")
 
 
 def deviation_table(organs: Sequence[FittedOrgan], truths: Mapping[str, BSplineSurface]) -> str:
@@ -151,7 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("directory", metavar="DIR", type=Path, help="folder for the MRI, the surfaces and the pictures")
     options = parser.parse_args(arguments)
     try:
-        picture = run_demo(options.directory)
+        with lines_to(sys.stdout):
+            picture = run_demo(options.directory)
     except (OSError, RuntimeError, ValueError) as error:
         print(f"demo: error: {error}", file=sys.stderr)
         return 2

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 from collections.abc import Sequence
 
+from .console import LOG, lines_to
 from .process import Terminated, flush_or_drop, stoppable
 
 PROGRAM = "vic-registration"
@@ -37,11 +39,13 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     name = f"{program}: " if program else ""
     error_name = f"{name}error: " if program else ""
     try:
-        with stoppable():
+        with stoppable(), lines_to(sys.stderr):
             # Takes about a second, in which Ctrl-C is pressed too.
             from .arguments import parsed_arguments
 
             options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
+            if getattr(options, "quiet", False):
+                LOG.setLevel(logging.WARNING)
             code = options.run(options) or 0
             sys.stdout.flush()
             return code

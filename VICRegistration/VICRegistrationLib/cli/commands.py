@@ -13,7 +13,7 @@ from ..registration.options import OPTIONS
 from ..registration.verdict import POOR, verdict_of
 from . import SOME_FAILED
 from .configuration import OrganRequest, files_of, organ_request, read_requests
-from .console import line_printer
+from .console import LOG
 from .fitting import fit_to_folder
 from .organ_entries import FittedOrgan
 from .process import silenced_stderr
@@ -40,14 +40,7 @@ def fit(options: argparse.Namespace) -> int:
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
     read = [*(reference.path for reference in references.values()), *files_of(requests)]
-    warn = line_printer()
-    failed = []
-
-    def report_failure(name: str, sentence: str) -> None:
-        failed.append(name)
-        warn(f"{name}: error: {sentence}")
-
-    organs = fit_to_folder(
+    run = fit_to_folder(
         options.image,
         requests,
         options.output,
@@ -57,17 +50,15 @@ def fit(options: argparse.Namespace) -> int:
         references=references,
         pictures=not options.no_pictures,
         step=options.step,
-        on_failure=report_failure if options.keep_going else None,
-        say=line_printer(options.quiet),
-        warn=warn,
+        keep_going=options.keep_going,
     )
-    poor = [organ.name for organ in organs if _verdict(organ) == POOR] if options.strict else []
+    poor = [organ.name for organ in run.organs if _verdict(organ) == POOR] if options.strict else []
     if poor:
-        warn(f"the verdict is poor: {', '.join(poor)}")
-    if not failed:
-        return SOME_FAILED if poor else 0
-    warn(f"{len(failed)} of {len(failed) + len(organs)} organs could not be fitted: {', '.join(failed)}")
-    return SOME_FAILED
+        LOG.warning(f"the verdict is poor: {', '.join(poor)}")
+    if run.failed:
+        count = len(run.failed) + len(run.organs)
+        LOG.warning(f"{len(run.failed)} of {count} organs could not be fitted: {', '.join(run.failed)}")
+    return SOME_FAILED if poor or run.failed else 0
 
 
 def _verdict(organ: FittedOrgan) -> str:
@@ -90,7 +81,7 @@ def phantom(options: argparse.Namespace) -> None:
         files = write_stacks(stacks, drafts)
         write_phantom(pelvis_phantom(), drafts, also=files)
     named = ", ".join(["mri.nii.gz", *files])
-    line_printer()(f"phantom written to {options.folder}: {named}, organs.json and truth")
+    LOG.info(f"phantom written to {options.folder}: {named}, organs.json and truth")
 
 
 def _keep_files_of_the_user(folder: Path) -> None:
@@ -108,8 +99,8 @@ def reproduce(options: argparse.Namespace) -> None:
 
     require_packages("matplotlib", otherwise="")
     with replacing_folder(options.folder) as drafts:
-        run(drafts, say=line_printer())
-    line_printer()(f"table and plots written to {options.folder}")
+        run(drafts, say=LOG.info)
+    LOG.info(f"table and plots written to {options.folder}")
 
 
 def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, OrganReference]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from ..report.contents import TOLERANCES, ComparedOrgan, compared_organ
 from ..report.figure import require_packages
 from . import references, validators
 from .comparison_files import CSV, JSON, comparison_table, organ_files, organs_before, write_numbers, write_organ
-from .console import argument, line_printer
+from .console import LOG, argument
 from .solids import file_name, read_solids
 
 _MOST_POINTS = 10_000_000
@@ -83,10 +82,10 @@ def run(options: argparse.Namespace) -> None:
     for solid, organ in zip(solids, organs):
         # Distances from a surface that is torn or folded are numbers all the same.
         for warning in (*organ.warnings, *(problem.message for problem in check_surface(solid.surface))):
-            print(f"warning: {organ.name}: {warning}", file=sys.stderr)
+            LOG.warning(f"warning: {organ.name}: {warning}")
     if options.output is not None:
         instead = f", in place of the comparison of {', '.join(before)} there" if before else ""
-        line_printer()(f"results written to {options.output}{instead}")
+        LOG.info(f"results written to {options.output}{instead}")
 
 
 def _written(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]:

@@ -1,13 +1,17 @@
-"""What the commands have in common: words that are checked, tables, and lines of progress."""
+"""What the commands have in common: words that are checked, tables, and lines for the user."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from typing import TextIO
 
 from .process import flush_or_drop
+
+# Progress is information, which --quiet leaves out; what has to be looked at is a warning.
+LOG = logging.getLogger("vic-registration")
 
 
 def argument(check: Callable) -> Callable:
@@ -52,25 +56,28 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def line_printer(quiet: bool = False) -> Callable[[str], None]:
-    """Make a function that prints a line for the user on stderr, or nothing if it is to be quiet.
+@contextlib.contextmanager
+def lines_to(stream: TextIO) -> Iterator[None]:
+    """Print what is logged in the block, a line each.
 
     Parameters
     ----------
-    quiet : bool
-
-    Returns
-    -------
-    callable
-        Takes a line.
+    stream : text file
+        stdout or stderr.
     """
+    lines = _Lines(stream)
+    LOG.addHandler(lines)
+    LOG.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOG.removeHandler(lines)
 
-    def say(line: str) -> None:
-        if not line or quiet:
-            return
-        # The work goes on where nobody reads about it any more.
+
+class _Lines(logging.StreamHandler):
+    """Prints lines; the work goes on where nobody reads about it any more."""
+
+    def emit(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(BrokenPipeError):
-            print(line, file=sys.stderr)
-        flush_or_drop(sys.stderr)
-
-    return say
+            print(record.getMessage(), file=self.stream)
+        flush_or_drop(self.stream)

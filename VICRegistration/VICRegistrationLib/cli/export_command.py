@@ -13,7 +13,7 @@ from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
 from ..export.step import Solid, validate_solids, write_step
 from ..files import keep_inputs, replacing_folder
 from . import validators
-from .console import argument, line_printer
+from .console import LOG, argument
 from .solids import file_name, read_solids
 
 _SUFFIXES = {"step": (".step", ".stp"), "stl": (".stl",), "ply": (".ply",), "vtp": (".vtp",)}
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> None:
         # Triangles may be open; a STEP file is checked for all that as it is written.
         validate_solids(solids, require_closed=False)
     _write(jobs)
-    line_printer()(f"written: {', '.join(map(str, jobs))}")
+    LOG.info(f"written: {', '.join(map(str, jobs))}")
 
 
 def _writer(kind: str, solids: Sequence[Solid], options: argparse.Namespace) -> Callable[[Path], None]:

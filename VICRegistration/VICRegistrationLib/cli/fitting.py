@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..files import check_writable, keep_inputs
@@ -22,6 +22,7 @@ from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
+from .console import LOG
 from .images import read_with_warnings
 from .organ_entries import FittedOrgan
 from .process import silenced_stderr
@@ -46,10 +47,8 @@ def fit_to_folder(
     step: bool = False,
     references: Mapping[str, OrganReference] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
-    on_failure: Callable[[str, str], None] | None = None,
-    say: Callable[[str], None] = lambda line: None,
-    warn: Callable[[str], None] = lambda line: None,
-) -> tuple[FittedOrgan, ...]:
+    keep_going: bool = False,
+) -> Run:
     """Fit organs, and write their files and the report of all organs of the folder: all of it, or nothing.
 
     Parameters
@@ -72,16 +71,13 @@ def fit_to_folder(
         What the surfaces are compared with in pictures and report.html, by the organs' names.
     inputs : sequence of path
         Files besides the image that must not be replaced, such as the configuration.
-    on_failure : callable, optional
-        Gets name and sentence of each organ that cannot be fitted, and the others are. Without it, one that cannot be
-        fitted is an error, and so is, with it, if none can.
-    say, warn : callable
-        Get a line of progress after every stage, and every warning.
+    keep_going : bool
+        Whether the other organs are fitted where one cannot be; it is an error without, and where none can be.
 
     Returns
     -------
-    tuple of FittedOrgan
-        Those of this run.
+    Run
+        With the organs, and those that could not be fitted.
 
     Raises
     ------
@@ -97,19 +93,19 @@ def fit_to_folder(
         require_packages("matplotlib", "jinja2")
     folder = Path(folder)
     stored = checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
-    image, record, seconds_load = loaded_image(image_path, series, frame, stored, say, warn)
+    image, record, seconds_load = loaded_image(image_path, series, frame, stored)
     if pictures or step:
         restored_organs(stored, [request.name for request in requests], image)
     failed: dict[str, str] = {}
-    stacks = further_stacks(requests, say, warn)
-    organs = _fitted_organs(image, requests, stacks, failed, say, warn, keep_going=on_failure is not None)
+    stacks = further_stacks(requests)
+    organs = _fitted_organs(image, requests, stacks, failed, keep_going=keep_going)
     for organ in organs:
-        print_outcome(organ, image, say, warn, step=step)
+        print_outcome(organ, image, step=step)
     for name, sentence in failed.items():
-        on_failure(name, sentence)
+        LOG.warning(f"{name}: error: {sentence}")
     run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
-    write_results(run, folder, say=say, warn=warn)
-    return organs
+    write_results(run, folder)
+    return run
 
 
 def checked_folder(
@@ -138,8 +134,6 @@ def loaded_image(
     series: str | None,
     frame: int | None,
     stored: StoredResults,
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
 ) -> tuple[Image, dict[str, object], float]:
     """Read the image of a fit, and refuse another one than that of a folder's results.
 
@@ -152,38 +146,34 @@ def loaded_image(
         How long reading took.
     """
     start = time.perf_counter()
-    image, notes = read_with_warnings(path, warn, series=series, frame=frame)
+    image, notes = read_with_warnings(path, series=series, frame=frame)
     seconds = time.perf_counter() - start
-    say(f"{path}: {_described(image)}, {seconds:.2f} s")
+    LOG.info(f"{path}: {_described(image)}, {seconds:.2f} s")
     record = image_record(image, str(path), series, frame, notes)
     stored.check_image(record)
     return image, record, seconds
 
 
-def print_outcome(
-    organ: FittedOrgan, image: Image, say: Callable[[str], None], warn: Callable[[str], None], *, step: bool
-) -> None:
+def print_outcome(organ: FittedOrgan, image: Image, *, step: bool) -> None:
     """Say what came of an organ's fit, and what is to be looked at."""
     diagnostics = fit_diagnostics(image, organ.fit)
     word = verdict_of(organ.fit, diagnostics).word
-    say(f"{organ.name}: {organ.fit.surface.volume() / 1000.0:.1f} ml, verdict {word}")
+    LOG.info(f"{organ.name}: {organ.fit.surface.volume() / 1000.0:.1f} ml, verdict {word}")
     for diagnostic in diagnostics:
-        warn(f"{organ.name}: warning: {diagnostic.sentence()}")
+        LOG.warning(f"{organ.name}: warning: {diagnostic.sentence()}")
     if word != GOOD:
-        warn(f"{organ.name}: warning: the verdict on the surface is {word}")
+        LOG.warning(f"{organ.name}: warning: the verdict on the surface is {word}")
     if step and organ.fit.problems:
-        warn(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+        LOG.warning(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
-def further_stacks(
-    requests: Sequence[OrganRequest], say: Callable[[str], None], warn: Callable[[str], None]
-) -> dict[str, Stack]:
+def further_stacks(requests: Sequence[OrganRequest]) -> dict[str, Stack]:
     """Read all further stacks once, by what names them."""
     stacks = {}
     for given in dict.fromkeys(each for request in requests for each in request.also):
         path, choice = stack_place(given)
         try:
-            image, _ = read_with_warnings(path, warn, **choice)
+            image, _ = read_with_warnings(path, **choice)
         except SeveralVolumes as error:
             # --series and --frame are about the first image.
             which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
@@ -191,7 +181,7 @@ def further_stacks(
             way_out = f"Choose it with --also {path}@N, N {which}{other}."
             msg = f"{error.found}; a further stack is one volume. {way_out}"
             raise ValueError(msg) from error
-        say(f"{given}: {_described(image)}")
+        LOG.info(f"{given}: {_described(image)}")
         stacks[given] = Stack(image, given)
     return stacks
 
@@ -201,19 +191,17 @@ def _fitted_organs(
     requests: Sequence[OrganRequest],
     stacks: Mapping[str, Stack],
     failed: dict[str, str],
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
     *,
     keep_going: bool,
 ) -> tuple[FittedOrgan, ...]:
     """Separate all organs, then fit all of them; what fails goes into `failed`, or is an error."""
     organs = []
-    separated = separated_organs(image, requests, failed, say, warn)
+    separated = separated_organs(image, requests, failed)
     if failed and not (keep_going and separated):
         raise ValueError(all_of(failed))
     for request, region, seconds in separated:
         try:
-            organs.append(_fitted(image, request, region, [stacks[path] for path in request.also], seconds, say))
+            organs.append(_fitted(image, request, region, [stacks[path] for path in request.also], seconds))
         except ValueError as error:
             failed[request.name] = str(error)
             if not keep_going:
@@ -232,40 +220,35 @@ def separated_organs(
     image: Image,
     requests: Sequence[OrganRequest],
     failed: dict[str, str],
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
 ) -> list[tuple[OrganRequest, Region, float]]:
     """Separate all organs, each with how long it took, s; what fails goes into `failed`."""
     separated = []
     for request in requests:
         try:
-            separated.append((request, *_separated(image, request, say, warn)))
+            separated.append((request, *_separated(image, request)))
         except ValueError as error:
             failed[request.name] = str(error)
     return separated
 
 
-def _separated(
-    image: Image, request: OrganRequest, say: Callable[[str], None], warn: Callable[[str], None]
-) -> tuple[Region, float]:
+def _separated(image: Image, request: OrganRequest) -> tuple[Region, float]:
     """Separate one organ, or take it from a label image; returns the region and how long it took, s."""
     options = request.options
     start = time.perf_counter()
     check_request(image, request)
     if request.region is not None:
-        return _from_label(image, request, say, warn)
+        return _from_label(image, request)
     region = separate(
         image, request.seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation
     )
     seconds = time.perf_counter() - start
     low, high = region.threshold
-    say(f"{request.name}: separation, {region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}, {seconds:.2f} s")
+    found = f"{region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}"
+    LOG.info(f"{request.name}: separation, {found}, {seconds:.2f} s")
     return region, seconds
 
 
-def _from_label(
-    image: Image, request: OrganRequest, say: Callable[[str], None], warn: Callable[[str], None]
-) -> tuple[Region, float]:
+def _from_label(image: Image, request: OrganRequest) -> tuple[Region, float]:
     """Take one organ from a label image; returns the region and how long it took, s."""
     start = time.perf_counter()
     if Path(request.region).suffix.lower() in _SURFACES:
@@ -279,14 +262,14 @@ def _from_label(
     with silenced_stderr():
         label, segment = read_label(request.region, request.label, organ=request.name, warn=notes.append)
     for note in notes:
-        warn(f"{request.name}: warning: {note}")
+        LOG.warning(f"{request.name}: warning: {note}")
     try:
         region = region_from_label(image, label)
     except ValueError as error:
         msg = f"{request.region}, label {segment}: {error}"
         raise ValueError(msg) from error
     seconds = time.perf_counter() - start
-    say(f"{request.name}: region of {request.region}, label {segment}, {region.volume_ml:.1f} ml, {seconds:.2f} s")
+    LOG.info(f"{request.name}: region of {request.region}, label {segment}, {region.volume_ml:.1f} ml, {seconds:.2f} s")
     return region, seconds
 
 
@@ -296,32 +279,31 @@ def _fitted(
     region: Region,
     stacks: Sequence[Stack],
     seconds_separation: float,
-    say: Callable[[str], None],
 ) -> FittedOrgan:
     """Fit one organ to its region."""
     start = time.perf_counter()
-    lines = StageLines(request.name, say)
+    lines = StageLines(request.name)
     steps = fit_region(image, region, request.options, boundary_points=request.boundary, further=stacks)
     fit = finish(steps, on_step=lines)
     lines.end()
-    print_motions(request.name, fit.stacks, say)
+    print_motions(request.name, fit.stacks)
     seconds = seconds_separation + time.perf_counter() - start
     how = {"boundary": request.boundary, "asked": request.options}
     return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
 
 
-def print_motions(name: str, stacks: Sequence[StackUse], say: Callable[[str], None]) -> None:
+def print_motions(name: str, stacks: Sequence[StackUse]) -> None:
     """Say how an organ moved to each stack that was used."""
     for stack in stacks:
         if stack.used:
-            say(f"{name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
+            LOG.info(f"{name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
 
 
 class StageLines:
     """Writes a line for every stage: called with each step, and once more at the end."""
 
-    def __init__(self, name: str, say: Callable[[str], None]) -> None:
-        self._name, self._say = name, say
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._steps: list[Step] = []
         self._start = self._now = time.perf_counter()
 
@@ -337,7 +319,7 @@ class StageLines:
         first, last = self._steps[0], self._steps[-1]
         state = "" if last.converged else ", not converged"
         count = f"{len(self._steps)} iteration{'s' if len(self._steps) > 1 else ''}"
-        self._say(
+        LOG.info(
             f"{self._name}: {last.stage}, {count}, cost {first.cost:.4g} -> {last.cost:.4g}, "
             f"{self._now - self._start:.2f} s{state}"
         )

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 
 from ..imaging.image import Image
 from ..imaging.labels import few_values
 from ..imaging.reading import read_image
 from ..segmentation.checks import check_scale
+from .console import LOG
 from .process import silenced_stderr
 
 
 def read_with_warnings(
-    path: str | os.PathLike, warn: Callable[[str], None], *, series: str | None = None, frame: int | None = None
+    path: str | os.PathLike, *, series: str | None = None, frame: int | None = None
 ) -> tuple[Image, list[str]]:
     """Read an image, and warn of what is doubtful about it.
 
@@ -21,8 +21,6 @@ def read_with_warnings(
     ----------
     path : path
         File or folder of DICOM slices.
-    warn : callable
-        Gets a line for every sentence.
     series, frame
         As of :func:`..imaging.reading.read_image`.
 
@@ -51,5 +49,5 @@ def read_with_warnings(
     if count:
         notes.append(f"{path}: it holds only {count} different values, as a label map does; an MRI is needed for a fit")
     for note in notes:
-        warn(f"warning: {note}")
+        LOG.warning(f"warning: {note}")
     return image, notes

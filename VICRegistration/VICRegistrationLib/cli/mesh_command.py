@@ -16,7 +16,7 @@ from ..meshing.regions import MeshOptions
 from ..multipatch.file import is_model_file, read_model
 from ..multipatch.model import MultiPatchModel
 from . import validators
-from .console import argument, line_printer
+from .console import LOG, argument
 from .solids import read_solids
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
@@ -103,12 +103,9 @@ def run(options: argparse.Namespace) -> None:
     settings = MeshOptions(size=options.size, time_limit=options.time_limit, **chosen)
     model = _model(options)
     solids = model or read_solids(options.surfaces)
-
-    say = line_printer(options.quiet)
-
     with replacing_folder(target.parent) as drafts:
         make = _triangles if options.surface else _tetrahedra
-        lines, report = make(solids, settings, drafts / target.name, say)
+        lines, report = make(solids, settings, drafts / target.name)
         content = {
             "schema": REPORT_SCHEMA,
             "version": REPORT_VERSION,
@@ -119,7 +116,7 @@ def run(options: argparse.Namespace) -> None:
         text = json.dumps({**content, **report}, indent=2, allow_nan=False, ensure_ascii=False)
         drafts.joinpath(f"{target.name}.quality.json").write_text(text + "\n", encoding="utf-8")
     print("\n".join(lines))
-    say(f"written to {target}")
+    LOG.info(f"written to {target}")
 
 
 def _model(options: argparse.Namespace) -> MultiPatchModel | None:
@@ -149,9 +146,7 @@ def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> No
     keep_inputs((target, target.with_name(f"{target.name}.quality.json")), options.surfaces)
 
 
-def _tetrahedra(
-    what: Sequence[Solid] | MultiPatchModel, settings: MeshOptions, draft: Path, say
-) -> tuple[list[str], dict]:
+def _tetrahedra(what: Sequence[Solid] | MultiPatchModel, settings: MeshOptions, draft: Path) -> tuple[list[str], dict]:
     """Write the mesh; returns the report for people and for programs."""
     from ..meshing.formats import write_tetrahedra
     from ..meshing.organ_meshes import mesh_organs
@@ -159,9 +154,9 @@ def _tetrahedra(
     from ..multipatch.mesh import mesh_model
 
     make = mesh_model if isinstance(what, MultiPatchModel) else mesh_organs
-    mesh = make(what, settings, on_progress=say)
+    mesh = make(what, settings, on_progress=LOG.info)
     report = quality(mesh)
-    say("writing")
+    LOG.info("writing")
     names = write_tetrahedra(mesh, draft)
     used = {"size": settings.size, "order": settings.order, "wall": settings.wall, "names_in_file": names}
     # A model has about a hundred groups of triangles: people look them up in the file.
@@ -172,14 +167,14 @@ def _tetrahedra(
     return lines, {**used, **report.as_json(), "notes": [note.record() for note in mesh.notes]}
 
 
-def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path, say) -> tuple[list[str], dict]:
+def _triangles(solids: Sequence[Solid], settings: MeshOptions, draft: Path) -> tuple[list[str], dict]:
     from dataclasses import asdict
 
     from ..meshing.organ_meshes import mesh_surface
     from ..meshing.quality import triangle_quality
 
     (solid,) = solids
-    mesh = mesh_surface(solid, settings, on_progress=say)
+    mesh = mesh_surface(solid, settings, on_progress=LOG.info)
     write_triangles(mesh, solid.surface, draft, name=solid.name)
     report = triangle_quality(mesh.points, mesh.triangles)
     return report.lines(), {"size": settings.size, **asdict(report)}

@@ -11,7 +11,7 @@ from ..multipatch.formats import SUFFIXES, check_suffix
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
 from . import SOME_FAILED, model_fitting
-from .console import aligned, line_printer
+from .console import LOG, aligned
 
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
@@ -73,7 +73,7 @@ def show(options: argparse.Namespace) -> None:
         print(f"landmarks: {'; '.join(model.landmarks)}")
     if output is not None:
         model.save(output)
-        line_printer()(f"written to {output}")
+        LOG.info(f"written to {output}")
 
 
 def check(options: argparse.Namespace) -> int:

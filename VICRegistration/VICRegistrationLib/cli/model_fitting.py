@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..registration.steps import finish
 from ..report.figure import require_packages
 from . import validators
 from .configuration import OrganRequest, files_of, read_requests
-from .console import argument, line_printer
+from .console import LOG, argument
 from .fitting import (
     StageLines,
     all_of,
@@ -101,7 +101,6 @@ def run(options: argparse.Namespace) -> None:
     pictures, folder = not options.no_pictures, Path(options.output)
     if pictures:
         require_packages("matplotlib", "jinja2")
-    say, warn = line_printer(options.quiet), line_printer()
     model = find_model(options.model)
     requests = read_requests(options.config, defaults={"also": options.also})
     check_organs(model, {request.name: request.options for request in requests})
@@ -109,17 +108,17 @@ def run(options: argparse.Namespace) -> None:
     landmarks = {} if options.landmarks is None else read_landmarks(options.landmarks)
     check_names(model, landmarks)
     stored = checked_folder(folder, _inputs(options, requests), requests, pictures=pictures, step=False, model=True)
-    image, record, seconds_load = loaded_image(options.image, options.series, options.frame, stored, say, warn)
+    image, record, seconds_load = loaded_image(options.image, options.series, options.frame, stored)
     if pictures:
         restored_organs(stored, [request.name for request in requests], image)
-    stacks = further_stacks(requests, say, warn)
-    fit, organs = _fitted(image, model, requests, landmarks, stacks, say, warn)
+    stacks = further_stacks(requests)
+    fit, organs = _fitted(image, model, requests, landmarks, stacks)
     for organ in organs:
-        print_outcome(organ, image, say, warn, step=False)
+        print_outcome(organ, image, step=False)
     for diagnostic in fit.diagnostics:
-        warn(f"model: {diagnostic.sentence()}")
+        LOG.warning(f"model: {diagnostic.sentence()}")
     results = ModelResults(fit, str(options.model))
-    write_results(Run(organs, image, record, seconds_load, pictures, False, model=results), folder, say=say, warn=warn)
+    write_results(Run(organs, image, record, seconds_load, pictures, False, model=results), folder)
 
 
 def _inputs(options: argparse.Namespace, requests: Sequence[OrganRequest]) -> list[str]:
@@ -145,24 +144,22 @@ def _fitted(
     requests: Sequence[OrganRequest],
     landmarks: Mapping[str, np.ndarray],
     stacks: Mapping[str, Stack],
-    say: Callable[[str], None],
-    warn: Callable[[str], None],
 ) -> tuple[ModelFit, list[FittedOrgan]]:
     """Separate the organs, and fit the model to them."""
     failed: dict[str, str] = {}
-    separated = separated_organs(image, requests, failed, say, warn)
+    separated = separated_organs(image, requests, failed)
     if failed:
         raise ValueError(all_of(failed))
     regions = {request.name: region for request, region, _ in separated}
     options = {request.name: request.options for request in requests}
     further = {request.name: [stacks[path] for path in request.also] for request in requests}
-    lines = StageLines("model", say)
+    lines = StageLines("model")
     fit = finish(fit_model(image, model, regions, options, landmarks=landmarks, further=further), on_step=lines)
     lines.end()
     organs = []
     for request, _, seconds in separated:
         found = fit.organs[request.name]
-        print_motions(request.name, found.stacks, say)
+        print_motions(request.name, found.stacks)
         whole = seconds + found.seconds
         organs.append(FittedOrgan(request.name, found, request.seeds, whole, seconds, asked=request.options))
     return fit, organs

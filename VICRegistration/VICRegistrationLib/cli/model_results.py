@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +12,7 @@ from ..multipatch.model import Part
 from ..multipatch.picture import model_figure
 from ..report.contents import ReportedModel
 from ..report.figure import save_figure
+from .console import LOG
 
 MODEL_PICTURE = "model.png"
 _TITLES = ("part", "kind", "from", "volume or thickness", "distance from the region", "sliding")
@@ -46,15 +46,13 @@ class ModelResults:
     fit: ModelFit
     path: str
 
-    def write(self, folder: Path, *, pictures: bool, warn: Callable[[str], None]) -> list[str]:
+    def write(self, folder: Path, *, pictures: bool) -> list[str]:
         """Write its files.
 
         Parameters
         ----------
         folder : Path
         pictures : bool
-        warn : callable
-            Gets a line if there is no STEP file.
 
         Returns
         -------
@@ -63,7 +61,7 @@ class ModelResults:
         """
         names, problem = write_model_files(self.fit.model, folder)
         if problem:
-            warn(f"model: warning: {problem}")
+            LOG.warning(f"model: warning: {problem}")
         if pictures:
             save_figure(self._figure, folder / MODEL_PICTURE)
             names.append(MODEL_PICTURE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from ..files import replacing_folder
 from ..imaging.image import Image
 from ..report.contents import Source
 from ..transactions import one_at_a_time
+from .console import LOG
 from .model_results import ModelResults, model_files
 from .organ_entries import FittedOrgan, restored_organ
 from .outputs import organ_files, run_entry, write_organ, write_report, write_solids
@@ -101,7 +102,7 @@ def restored_organs(stored: StoredResults, names: Sequence[str], image: Image) -
     return {name: restored_organ(name, entry, stored.folder, image) for name, entry in others.items()}
 
 
-def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: Callable[[str], None]) -> None:
+def write_results(run: Run, folder: Path) -> None:
     """Add the organs of a run to a folder of results, or replace them in it: all of it, or nothing.
 
     Parameters
@@ -109,8 +110,6 @@ def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: C
     run : Run
     folder : Path
         Is made if there is none.
-    say, warn : callable
-        Get lines of progress, and of what has to be known.
 
     Raises
     ------
@@ -120,22 +119,22 @@ def write_results(run: Run, folder: Path, *, say: Callable[[str], None], warn: C
         If a file cannot be written.
     """
     waiting = f"waiting for another run that writes into {folder}"
-    with one_at_a_time(folder, on_wait=lambda: say(waiting)):
+    with one_at_a_time(folder, on_wait=lambda: LOG.info(waiting)):
         # Another run may have added organs while this one was fitting.
         stored = read_results(folder)
         stored.check_image(run.record)
         stored.check_targets(target_files(run.names, pictures=run.pictures, step=run.step, model=run.model is not None))
         outdated: list[str] = []
         with replacing_folder(folder, outdated=outdated) as drafts:
-            _write_drafts(run, stored, drafts, warn)
-            outdated += _outdated(run, stored, drafts, warn)
-    _warn_of_removed(run, stored, outdated, warn)
+            _write_drafts(run, stored, drafts)
+            outdated += _outdated(run, stored, drafts)
+    _warn_of_removed(run, stored, outdated)
     kept = ", ".join(name for name in stored.organs if name not in run.names)
     names = [*run.names, *(["the model"] if run.model is not None else [])]
-    say(f"written to {folder}: {', '.join(names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
+    LOG.info(f"written to {folder}: {', '.join(names)}" + (f"; kept from earlier runs: {kept}" if kept else ""))
 
 
-def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str], None]) -> None:
+def _write_drafts(run: Run, stored: StoredResults, drafts: Path) -> None:
     """Write the files of the run, and those about all organs of the folder."""
     for organ in run.organs:
         write_organ(organ, drafts)
@@ -150,10 +149,10 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path, warn: Callable[
     files = {name: own.get(name) or list(stored.files_of(name)) for name in names}
     common = [ASSEMBLY] if ASSEMBLY in solids else []
     if run.model is not None:
-        common += run.model.write(drafts, pictures=run.pictures, warn=warn)
+        common += run.model.write(drafts, pictures=run.pictures)
     if run.pictures:
         common += [PAGE, *([OVERVIEW] if len(names) > 1 else [])]
-        _write_pictures(run, stored, everyone, drafts, files=files, common=common, warn=warn)
+        _write_pictures(run, stored, everyone, drafts, files=files, common=common)
     entries = {name: stored.organs[name] for name in names if name not in fitted}
     for organ in run.organs:
         reference = run.references.get(organ.name)
@@ -178,13 +177,12 @@ def _write_pictures(
     *,
     files: Mapping[str, Sequence[str]],
     common: Sequence[str],
-    warn: Callable[[str], None],
 ) -> None:
     """Write a picture of each organ of the run, one of all of several, and the page that people read."""
-    reported = reported_organs(organs, run.image, {**_stored_references(run, stored, warn), **run.references})
+    reported = reported_organs(organs, run.image, {**_stored_references(run, stored), **run.references})
     for organ in reported:
         for warning in organ.compared.warnings if organ.compared is not None and organ.name in run.names else ():
-            warn(f"{organ.name}: warning: {warning}")
+            LOG.warning(f"{organ.name}: warning: {warning}")
     record = run.record
     source = Source(
         str(record["image"]), str(record["image_series"] or ""), record["image_frame"], record["image_warnings"]
@@ -193,7 +191,7 @@ def _write_pictures(
     write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common, model=model)
 
 
-def _stored_references(run: Run, stored: StoredResults, warn: Callable[[str], None]) -> dict[str, OrganReference]:
+def _stored_references(run: Run, stored: StoredResults) -> dict[str, OrganReference]:
     """Read the references of earlier runs again."""
     found = {}
     for name, entry in stored.organs.items():
@@ -202,24 +200,24 @@ def _stored_references(run: Run, stored: StoredResults, warn: Callable[[str], No
         try:
             found[name] = read_again(name, entry["reference"])
         except (OSError, ValueError) as error:
-            warn(f"{name}: warning: report.html is without its reference, which cannot be read again: {error}")
+            LOG.warning(f"{name}: warning: report.html is without its reference, which cannot be read again: {error}")
     return found
 
 
-def _outdated(run: Run, stored: StoredResults, drafts: Path, warn: Callable[[str], None]) -> list[str]:
+def _outdated(run: Run, stored: StoredResults, drafts: Path) -> list[str]:
     """Results of earlier runs that would not show what is there now."""
     organs = dict.fromkeys([*run.names, *stored.removed_organs])
     listed = [*stored.content.get("files", {}), *(file for name in organs for file in stored.files_of(name))]
     old = [name for name in listed if (stored.folder / name).is_file() and not (drafts / name).exists()]
     for name in old:
         if not stored.holds(name):
-            warn(f"{stored.folder / name} is outdated; it was changed since it was written, so it is left there")
+            LOG.warning(f"{stored.folder / name} is outdated; it was changed since it was written, so it is left there")
     return [name for name in old if stored.holds(name)]
 
 
-def _warn_of_removed(run: Run, stored: StoredResults, outdated: Sequence[str], warn: Callable[[str], None]) -> None:
+def _warn_of_removed(run: Run, stored: StoredResults, outdated: Sequence[str]) -> None:
     removed = ", ".join(name for name in stored.removed_organs if name not in run.names)
     if removed:
-        warn(f"no longer in the report, as the surface was removed from {stored.folder}: {removed}")
+        LOG.warning(f"no longer in the report, as the surface was removed from {stored.folder}: {removed}")
     if outdated:
-        warn(f"removed from {stored.folder}, as outdated: {', '.join(outdated)}")
+        LOG.warning(f"removed from {stored.folder}, as outdated: {', '.join(outdated)}")

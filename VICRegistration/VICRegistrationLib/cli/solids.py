@@ -15,7 +15,7 @@ from ..multipatch.file import is_model_file
 from ..multipatch.vtp import holds_patches
 from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
-from .console import line_printer
+from .console import LOG
 
 # Files of organs that hold their surfaces; others, of the same names, hold triangles or solids.
 _SUFFIXES = (".json", ".vtp")
@@ -50,10 +50,10 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     read: dict[str, Path] = {}
     for path in map(Path, paths):
         if path.name == _REPORT:
-            line_printer()(f"{path} is the report of a fit and holds no surface; it is left out")
+            LOG.warning(f"{path} is the report of a fit and holds no surface; it is left out")
             continue
         if is_model_file(path) or holds_patches(path):
-            line_printer()(f"{path} is a model of several organs and not the surface of one; it is left out")
+            LOG.warning(f"{path} is a model of several organs and not the surface of one; it is left out")
             continue
         if path.suffix.lower() not in _SUFFIXES:
             msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
