@@ -8,14 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..files import replacing_folder
-from ..registration.diagnostics import fit_diagnostics
 from ..registration.options import OPTIONS
-from ..registration.verdict import POOR, verdict_of
+from ..registration.verdict import POOR
 from . import SOME_FAILED
 from .configuration import OrganRequest, files_of, organ_request, read_requests
 from .console import LOG
 from .fitting import fit_to_folder
-from .organ_entries import FittedOrgan
 from .process import silenced_stderr
 from .references import OrganReference, chosen_labels, read_references, reference_paths
 
@@ -52,17 +50,13 @@ def fit(options: argparse.Namespace) -> int:
         step=options.step,
         keep_going=options.keep_going,
     )
-    poor = [organ.name for organ in run.organs if _verdict(organ) == POOR] if options.strict else []
+    poor = [organ.name for organ in run.organs if organ.verdict.word == POOR] if options.strict else []
     if poor:
         LOG.warning(f"the verdict is poor: {', '.join(poor)}")
     if run.failed:
         count = len(run.failed) + len(run.organs)
         LOG.warning(f"{len(run.failed)} of {count} organs could not be fitted: {', '.join(run.failed)}")
     return SOME_FAILED if poor or run.failed else 0
-
-
-def _verdict(organ: FittedOrgan) -> str:
-    return verdict_of(organ.fit, fit_diagnostics(organ.fit.image, organ.fit)).word
 
 
 def phantom(options: argparse.Namespace) -> None:

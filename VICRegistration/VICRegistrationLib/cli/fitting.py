@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..files import check_writable, keep_inputs
@@ -12,18 +12,18 @@ from ..imaging.image import Image
 from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
 from ..imaging.volumes import SeveralVolumes
-from ..registration.diagnostics import fit_diagnostics
 from ..registration.organ import fit_region
 from ..registration.stacks import Stack, StackUse
 from ..registration.stages import Step
 from ..registration.steps import finish
-from ..registration.verdict import GOOD, verdict_of
+from ..registration.verdict import GOOD
 from ..report.figure import require_packages
 from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
 from .console import LOG
 from .images import read_with_warnings
+from .model_results import ModelResults
 from .organ_entries import FittedOrgan
 from .process import silenced_stderr
 from .references import OrganReference
@@ -32,6 +32,10 @@ from .results_folder import Run, restored_organs, target_files, write_results
 from .stack_entries import motion_text, stack_place
 from .stored_results import StoredResults, image_record, read_results
 
+# An organ as it is asked for, its region, and how long it took to find that, s.
+Separated = tuple[OrganRequest, Region, float]
+# Fits all organs at once, by a generic model, to an image and further stacks.
+FitModel = Callable[[Image, Sequence[Separated], Mapping[str, Stack]], tuple[Sequence[FittedOrgan], ModelResults]]
 # Files that a user may take for a label image.
 _SURFACES = (".json", ".stl", ".ply", ".obj", ".vtp")
 
@@ -48,6 +52,7 @@ def fit_to_folder(
     references: Mapping[str, OrganReference] | None = None,
     inputs: Sequence[str | os.PathLike] = (),
     keep_going: bool = False,
+    fit_model: FitModel | None = None,
 ) -> Run:
     """Fit organs, and write their files and the report of all organs of the folder: all of it, or nothing.
 
@@ -73,6 +78,8 @@ def fit_to_folder(
         Files besides the image that must not be replaced, such as the configuration.
     keep_going : bool
         Whether the other organs are fitted where one cannot be; it is an error without, and where none can be.
+    fit_model : callable, optional
+        Fits the organs together, by a generic model, in place of one after the other.
 
     Returns
     -------
@@ -92,59 +99,47 @@ def fit_to_folder(
     if pictures:
         require_packages("matplotlib", "jinja2")
     folder = Path(folder)
-    stored = checked_folder(folder, [image_path, *inputs], requests, pictures=pictures, step=step)
-    image, record, seconds_load = loaded_image(image_path, series, frame, stored)
+    names = [request.name for request in requests]
+    targets = target_files(names, pictures=pictures, step=step, model=fit_model is not None)
+    stored = _checked_folder(folder, [image_path, *inputs], names, targets)
+    image, record, seconds_load = _loaded_image(image_path, series, frame, stored)
     if pictures or step:
-        restored_organs(stored, [request.name for request in requests], image)
+        restored_organs(stored, names, image)
+    stacks = _further_stacks(requests)
     failed: dict[str, str] = {}
-    stacks = further_stacks(requests)
-    organs = _fitted_organs(image, requests, stacks, failed, keep_going=keep_going)
+    separated = _separated_organs(image, requests, failed)
+    if failed and not (keep_going and separated):
+        raise ValueError(_all_of(failed))
+    if fit_model is not None:
+        organs, model = fit_model(image, separated, stacks)
+    else:
+        organs, model = _fitted_organs(image, separated, stacks, failed, keep_going=keep_going), None
     for organ in organs:
-        print_outcome(organ, image, step=step)
+        _print_outcome(organ, step=step)
+    for diagnostic in model.fit.diagnostics if model is not None else ():
+        LOG.warning(f"model: {diagnostic.sentence()}")
     for name, sentence in failed.items():
         LOG.warning(f"{name}: error: {sentence}")
-    run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed)
+    run = Run(organs, image, record, seconds_load, pictures, step, references or {}, failed, model)
     write_results(run, folder)
     return run
 
 
-def checked_folder(
-    folder: Path,
-    inputs: Sequence,
-    requests: Sequence[OrganRequest],
-    *,
-    pictures: bool,
-    step: bool,
-    model: bool = False,
-) -> StoredResults:
+def _checked_folder(folder: Path, inputs: Sequence, names: Sequence[str], targets: Sequence[str]) -> StoredResults:
     """Read what a folder of results holds, and refuse one that cannot be written to, or where files would be lost."""
     check_writable(folder)
     recover(folder)
     stored = read_results(folder)
-    names = [request.name for request in requests]
     stored.check_names(names)
-    targets = target_files(names, pictures=pictures, step=step, model=model)
-    keep_inputs((folder / name for name in targets), inputs)
+    keep_inputs((folder / target for target in targets), inputs)
     stored.check_targets(targets)
     return stored
 
 
-def loaded_image(
-    path: str | os.PathLike,
-    series: str | None,
-    frame: int | None,
-    stored: StoredResults,
+def _loaded_image(
+    path: str | os.PathLike, series: str | None, frame: int | None, stored: StoredResults
 ) -> tuple[Image, dict[str, object], float]:
-    """Read the image of a fit, and refuse another one than that of a folder's results.
-
-    Returns
-    -------
-    image : Image
-    record : dict
-        From :func:`.stored_results.image_record`.
-    seconds : float
-        How long reading took.
-    """
+    """Read the image, and refuse another one than that of the folder's results; returns it, its record, and seconds."""
     start = time.perf_counter()
     image, notes = read_with_warnings(path, series=series, frame=frame)
     seconds = time.perf_counter() - start
@@ -154,12 +149,11 @@ def loaded_image(
     return image, record, seconds
 
 
-def print_outcome(organ: FittedOrgan, image: Image, *, step: bool) -> None:
+def _print_outcome(organ: FittedOrgan, *, step: bool) -> None:
     """Say what came of an organ's fit, and what is to be looked at."""
-    diagnostics = fit_diagnostics(image, organ.fit)
-    word = verdict_of(organ.fit, diagnostics).word
+    word = organ.verdict.word
     LOG.info(f"{organ.name}: {organ.fit.surface.volume() / 1000.0:.1f} ml, verdict {word}")
-    for diagnostic in diagnostics:
+    for diagnostic in organ.diagnostics:
         LOG.warning(f"{organ.name}: warning: {diagnostic.sentence()}")
     if word != GOOD:
         LOG.warning(f"{organ.name}: warning: the verdict on the surface is {word}")
@@ -167,7 +161,7 @@ def print_outcome(organ: FittedOrgan, image: Image, *, step: bool) -> None:
         LOG.warning(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
 
 
-def further_stacks(requests: Sequence[OrganRequest]) -> dict[str, Stack]:
+def _further_stacks(requests: Sequence[OrganRequest]) -> dict[str, Stack]:
     """Read all further stacks once, by what names them."""
     stacks = {}
     for given in dict.fromkeys(each for request in requests for each in request.also):
@@ -188,40 +182,37 @@ def further_stacks(requests: Sequence[OrganRequest]) -> dict[str, Stack]:
 
 def _fitted_organs(
     image: Image,
-    requests: Sequence[OrganRequest],
+    separated: Sequence[Separated],
     stacks: Mapping[str, Stack],
     failed: dict[str, str],
     *,
     keep_going: bool,
-) -> tuple[FittedOrgan, ...]:
-    """Separate all organs, then fit all of them; what fails goes into `failed`, or is an error."""
+) -> list[FittedOrgan]:
+    """Fit organs one after the other; what fails goes into `failed`, or is an error."""
     organs = []
-    separated = separated_organs(image, requests, failed)
-    if failed and not (keep_going and separated):
-        raise ValueError(all_of(failed))
     for request, region, seconds in separated:
         try:
             organs.append(_fitted(image, request, region, [stacks[path] for path in request.also], seconds))
         except ValueError as error:
             failed[request.name] = str(error)
             if not keep_going:
-                raise ValueError(all_of(failed)) from error
+                raise ValueError(_all_of(failed)) from error
     if not organs:
-        raise ValueError(all_of(failed))
-    return tuple(organs)
+        raise ValueError(_all_of(failed))
+    return organs
 
 
-def all_of(failed: Mapping[str, str]) -> str:
+def _all_of(failed: Mapping[str, str]) -> str:
     """Put the sentences about several organs into one, each with the organ's name."""
     return " ".join(f"{name}: {sentence}" for name, sentence in failed.items())
 
 
-def separated_organs(
+def _separated_organs(
     image: Image,
     requests: Sequence[OrganRequest],
     failed: dict[str, str],
-) -> list[tuple[OrganRequest, Region, float]]:
-    """Separate all organs, each with how long it took, s; what fails goes into `failed`."""
+) -> list[Separated]:
+    """Separate all organs; what fails goes into `failed`."""
     separated = []
     for request in requests:
         try:
@@ -288,8 +279,7 @@ def _fitted(
     lines.end()
     print_motions(request.name, fit.stacks)
     seconds = seconds_separation + time.perf_counter() - start
-    how = {"boundary": request.boundary, "asked": request.options}
-    return FittedOrgan(request.name, fit, request.seeds, seconds, seconds_separation, **how)
+    return FittedOrgan(request, fit, seconds, seconds_separation)
 
 
 def print_motions(name: str, stacks: Sequence[StackUse]) -> None:

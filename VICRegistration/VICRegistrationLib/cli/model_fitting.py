@@ -4,35 +4,24 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 from ..file_names import folder_name
 from ..imaging.image import Image
-from ..multipatch.fit import ModelFit, check_organs, fit_model
+from ..multipatch.fit import check_organs, fit_model
 from ..multipatch.landmarks import check_names, read_landmarks
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
 from ..registration.stacks import Stack
 from ..registration.steps import finish
-from ..report.figure import require_packages
 from . import validators
 from .configuration import OrganRequest, files_of, read_requests
-from .console import LOG, argument
-from .fitting import (
-    StageLines,
-    all_of,
-    checked_folder,
-    further_stacks,
-    loaded_image,
-    print_motions,
-    print_outcome,
-    separated_organs,
-)
+from .console import argument
+from .fitting import Separated, StageLines, fit_to_folder, print_motions
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
-from .results_folder import Run, restored_organs, write_results
 
 _NAMES = " or ".join(MODELS)
 EPILOG = f"""\
@@ -98,33 +87,23 @@ def add_words(fit: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Fit a generic model to an image and write everything about it into a folder."""
-    pictures, folder = not options.no_pictures, Path(options.output)
-    if pictures:
-        require_packages("matplotlib", "jinja2")
     model = find_model(options.model)
     requests = read_requests(options.config, defaults={"also": options.also})
     check_organs(model, {request.name: request.options for request in requests})
     _check_requests(requests)
     landmarks = {} if options.landmarks is None else read_landmarks(options.landmarks)
     check_names(model, landmarks)
-    stored = checked_folder(folder, _inputs(options, requests), requests, pictures=pictures, step=False, model=True)
-    image, record, seconds_load = loaded_image(options.image, options.series, options.frame, stored)
-    if pictures:
-        restored_organs(stored, [request.name for request in requests], image)
-    stacks = further_stacks(requests)
-    fit, organs = _fitted(image, model, requests, landmarks, stacks)
-    for organ in organs:
-        print_outcome(organ, image, step=False)
-    for diagnostic in fit.diagnostics:
-        LOG.warning(f"model: {diagnostic.sentence()}")
-    results = ModelResults(fit, str(options.model))
-    write_results(Run(organs, image, record, seconds_load, pictures, False, model=results), folder)
-
-
-def _inputs(options: argparse.Namespace, requests: Sequence[OrganRequest]) -> list[str]:
-    """Files that must not be replaced."""
     given = [path for path in (options.model, options.landmarks) if path is not None and path not in MODELS]
-    return [options.image, options.config, *files_of(requests), *given]
+    fit_to_folder(
+        options.image,
+        requests,
+        options.output,
+        series=options.series,
+        frame=options.frame,
+        inputs=[options.config, *files_of(requests), *given],
+        pictures=not options.no_pictures,
+        fit_model=partial(_fitted, model=model, path=options.model, landmarks=landmarks),
+    )
 
 
 def _check_requests(requests: Sequence[OrganRequest]) -> None:
@@ -140,19 +119,17 @@ def _check_requests(requests: Sequence[OrganRequest]) -> None:
 
 def _fitted(
     image: Image,
-    model: MultiPatchModel,
-    requests: Sequence[OrganRequest],
-    landmarks: Mapping[str, np.ndarray],
+    separated: Sequence[Separated],
     stacks: Mapping[str, Stack],
-) -> tuple[ModelFit, list[FittedOrgan]]:
-    """Separate the organs, and fit the model to them."""
-    failed: dict[str, str] = {}
-    separated = separated_organs(image, requests, failed)
-    if failed:
-        raise ValueError(all_of(failed))
+    *,
+    model: MultiPatchModel,
+    path: str,
+    landmarks: Mapping[str, np.ndarray],
+) -> tuple[list[FittedOrgan], ModelResults]:
+    """Fit the model to separated organs."""
     regions = {request.name: region for request, region, _ in separated}
-    options = {request.name: request.options for request in requests}
-    further = {request.name: [stacks[path] for path in request.also] for request in requests}
+    options = {request.name: request.options for request, _, _ in separated}
+    further = {request.name: [stacks[path] for path in request.also] for request, _, _ in separated}
     lines = StageLines("model")
     fit = finish(fit_model(image, model, regions, options, landmarks=landmarks, further=further), on_step=lines)
     lines.end()
@@ -160,6 +137,5 @@ def _fitted(
     for request, _, seconds in separated:
         found = fit.organs[request.name]
         print_motions(request.name, found.stacks)
-        whole = seconds + found.seconds
-        organs.append(FittedOrgan(request.name, found, request.seeds, whole, seconds, asked=request.options))
-    return fit, organs
+        organs.append(FittedOrgan(request, found, seconds + found.seconds, seconds))
+    return organs, ModelResults(fit, path)

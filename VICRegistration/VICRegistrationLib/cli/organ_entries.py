@@ -8,6 +8,7 @@ import dataclasses
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ from ..registration.nets import net_text
 from ..registration.options import FitOptions
 from ..registration.organ_fit import OrganFit
 from ..registration.stages import Step
-from ..registration.verdict import verdict_of
+from ..registration.verdict import Verdict, verdict_of
+from .configuration import OrganRequest
 from .stack_entries import restored_stack, stack_entry
 
 CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged", "stopped_by")
@@ -37,37 +39,49 @@ class FittedOrgan:
 
     Parameters
     ----------
-    name : str
+    request : OrganRequest
+        What was asked for.
     fit : OrganFit
-    seeds : tuple of (r, a, s)
-        RAS mm.
     seconds : float
         From the seeds to the surface.
     seconds_separation : float
         The part of it before the fit.
-    boundary : tuple of (r, a, s)
-        Boundary points that were given, RAS mm.
-    asked : FitOptions, optional
-        Options as they were given, with none for automatic choices.
     """
 
-    name: str
+    request: OrganRequest
     fit: OrganFit
-    seeds: tuple[tuple[float, float, float], ...]
     seconds: float
     seconds_separation: float
-    boundary: tuple[tuple[float, float, float], ...] = ()
-    asked: FitOptions | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the organ and of its files."""
+        return self.request.name
+
+    @property
+    def given(self) -> dict[str, object]:
+        """Options that differ from what is taken if nothing is given."""
+        usual = FitOptions()
+        options = dataclasses.asdict(self.request.options)
+        return {key: value for key, value in options.items() if value != getattr(usual, key)}
+
+    @cached_property
+    def diagnostics(self) -> list[Diagnostic]:
+        """What to look at before the surface is used."""
+        return fit_diagnostics(self.fit.image, self.fit)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """How far the surface can be trusted."""
+        return verdict_of(self.fit, self.diagnostics)
 
 
-def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
+def organ_entry(organ: FittedOrgan) -> dict[str, object]:
     """Put everything about one organ as JSON keeps it.
 
     Parameters
     ----------
     organ : FittedOrgan
-    image : Image
-        The grey levels that were fitted.
 
     Returns
     -------
@@ -77,11 +91,9 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
     fit = organ.fit
     region, threshold = fit.region, fit.options.threshold
     whole = fit.whole_region or region
-    diagnostics = fit_diagnostics(image, fit)
-    verdict = verdict_of(fit, diagnostics)
     return {
-        "verdict": verdict.word,
-        "verdict_reasons": [diagnostic.record() for diagnostic in verdict.reasons],
+        "verdict": organ.verdict.word,
+        "verdict_reasons": [diagnostic.record() for diagnostic in organ.verdict.reasons],
         "volume_ml": fit.surface.volume() / 1000.0,
         "volume_sd_ml": fit.confidence.volume_sd_ml,
         "follows_no_edge": fit.confidence.unsupported_share,
@@ -97,15 +109,15 @@ def organ_entry(organ: FittedOrgan, image: Image) -> dict[str, object]:
         "seconds_fit": fit.seconds,
         "threshold": None if threshold is None else [float(level) for level in threshold],
         "net": net_text(fit.options.net),
-        "seed": [list(point) for point in organ.seeds],
+        "seed": [list(point) for point in organ.request.seeds],
         **_boundary_entry(organ),
         "erosion": None if region is None or region.erosion is None else float(region.erosion),
         "options": dataclasses.asdict(fit.options),
-        "options_given": _given(organ.asked),
+        "options_given": organ.given,
         "choices": [_choice_entry(choice) for choice in fit.choices],
-        "touches_border": [] if whole is None else border_sides(image, whole),
+        "touches_border": [] if whole is None else border_sides(fit.image, whole),
         "valid": not fit.problems,
-        "warnings": [diagnostic.record() for diagnostic in diagnostics],
+        "warnings": [diagnostic.record() for diagnostic in organ.diagnostics],
         "region": None if region is None else _region_entry(region),
         **_stacks_entry(fit),
     }
@@ -136,16 +148,9 @@ def restored_organ(name: str, entry: Mapping[str, object], folder: Path, image: 
     try:
         surface = read_surface(folder / f"{name}.json")
         fit = _restored_fit(entry, surface, _read_history(folder / f"{name}_convergence.csv", surface), image)
-        given = entry["options_given"]
-        return FittedOrgan(
-            name,
-            fit,
-            _points(entry["seed"]),
-            entry["seconds"],
-            entry["seconds_separation"],
-            _points(entry.get("boundary", ())),
-            None if given is None else _options(given),
-        )
+        seeds, boundary = (tuple(map(tuple, points)) for points in (entry["seed"], entry.get("boundary", ())))
+        request = OrganRequest(name, seeds, _options(entry["options_given"]), boundary)
+        return FittedOrgan(request, fit, entry["seconds"], entry["seconds_separation"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError, zlib.error) as error:
         msg = (
             f"The organ {name} of an earlier run in {folder} cannot be read again ({reason(error)}); fit it again too, "
@@ -247,28 +252,17 @@ def _restored_diagnostic(record: Mapping[str, object]) -> Diagnostic:
     return Diagnostic(record["code"], values)
 
 
-def _given(options: FitOptions | None) -> dict[str, object] | None:
-    """Options that differ from what is taken if nothing is given."""
-    if options is None:
-        return None
-    usual = FitOptions()
-    return {key: value for key, value in dataclasses.asdict(options).items() if value != getattr(usual, key)}
-
-
 def _options(entry: Mapping[str, object]) -> FitOptions:
     return FitOptions(**{key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()})
 
 
 def _boundary_entry(organ: FittedOrgan) -> dict[str, object]:
     """Boundary points and how far from the surface they are, if there are any."""
-    if not organ.boundary:
+    points = organ.request.boundary
+    if not points:
         return {}
-    deviations = boundary_deviations(organ.fit.surface, organ.boundary)
-    return {"boundary": [list(point) for point in organ.boundary], "boundary_deviation_mm": deviations.tolist()}
-
-
-def _points(entry) -> tuple[tuple[float, float, float], ...]:
-    return tuple(tuple(point) for point in entry)
+    deviations = boundary_deviations(organ.fit.surface, points)
+    return {"boundary": [list(point) for point in points], "boundary_deviation_mm": deviations.tolist()}
 
 
 def _read_history(path: Path, surface: BSplineSurface) -> tuple[Step, ...]:

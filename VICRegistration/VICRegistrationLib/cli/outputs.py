@@ -15,7 +15,6 @@ from ..export.step import step_text
 from ..files import replacing
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
-from ..imaging.image import Image
 from ..registration.nets import net_text
 from ..registration.stages import Step
 from .organ_entries import CONVERGENCE, FittedOrgan, organ_entry
@@ -163,14 +162,13 @@ def write_report(
 
 
 def run_entry(
-    organ: FittedOrgan, image: Image, folder: Path, *, files: Sequence[str], reference: OrganReference | None
+    organ: FittedOrgan, folder: Path, *, files: Sequence[str], reference: OrganReference | None
 ) -> dict[str, object]:
     """Put an organ of this run as report.json keeps it.
 
     Parameters
     ----------
     organ : FittedOrgan
-    image : Image
     folder : Path
         Holds the files.
     files : sequence of str
@@ -186,7 +184,7 @@ def run_entry(
     return {
         "program": PROGRAM,
         "written": datetime.now().astimezone().isoformat(timespec="seconds"),
-        **organ_entry(organ, image),
+        **organ_entry(organ),
         "reference": None if reference is None else reference.record(),
         "files": {name: file_digest(folder / name) for name in files},
     }

@@ -10,9 +10,6 @@ from .. import __version__
 from ..analysis.gaps import gaps
 from ..files import replacing
 from ..imaging.image import Image
-from ..registration.diagnostics import fit_diagnostics
-from ..registration.options import FitOptions
-from ..registration.verdict import verdict_of
 from ..report.contents import ReportedModel, ReportedOrgan, Source, compared_organ
 from ..report.figure import save_figure
 from ..report.page import report_html
@@ -41,16 +38,12 @@ _COMMON_PURPOSES = {
 }
 
 
-def reported_organs(
-    organs: Sequence[FittedOrgan], image: Image, references: Mapping[str, OrganReference]
-) -> list[ReportedOrgan]:
+def reported_organs(organs: Sequence[FittedOrgan], references: Mapping[str, OrganReference]) -> list[ReportedOrgan]:
     """Compare fitted organs with their references, and find what looks wrong about them.
 
     Parameters
     ----------
     organs : sequence of FittedOrgan
-    image : Image
-        The grey levels that were fitted.
     references : mapping of str to OrganReference
         By the organs' names; others have none.
 
@@ -63,19 +56,17 @@ def reported_organs(
     ValueError
         If an organ cannot be compared with its reference.
     """
-    return [_reported(organ, image, references.get(organ.name)) for organ in organs]
+    return [_reported(organ, references.get(organ.name)) for organ in organs]
 
 
-def _reported(organ: FittedOrgan, image: Image, reference: OrganReference | None) -> ReportedOrgan:
-    diagnostics = fit_diagnostics(image, organ.fit)
-    warnings = [found.sentence() for found in diagnostics]
+def _reported(organ: FittedOrgan, reference: OrganReference | None) -> ReportedOrgan:
+    warnings = [found.sentence() for found in organ.diagnostics]
     compared = None
     if reference is not None:
         compared = compared_organ(organ.name, organ.fit.surface, reference.read, reference.path)
         warnings += [f"Comparison with the reference: {warning}" for warning in compared.warnings]
-    verdict = verdict_of(organ.fit, diagnostics).word
-    how = {"seeds": organ.seeds, "seconds": organ.seconds, "asked": _asked(organ.asked)}
-    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, verdict=verdict, **how)
+    how = {"seeds": organ.request.seeds, "seconds": organ.seconds, "asked": list(organ.given)}
+    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, verdict=organ.verdict.word, **how)
 
 
 def write_pictures(
@@ -144,11 +135,3 @@ def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tu
     ]
     kinds += [([name], use) for name, use in _COMMON_PURPOSES.items() if name in (REPORT, *common)]
     return [(", ".join(kind), use) for kind, use in kinds if kind]
-
-
-def _asked(options: FitOptions | None) -> list[str]:
-    """Names of the options that differ from what is taken without a word."""
-    if options is None:
-        return []
-    usual = FitOptions()
-    return [key for key, value in vars(options).items() if value != getattr(usual, key)]

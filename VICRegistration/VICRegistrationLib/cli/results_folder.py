@@ -156,7 +156,7 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path) -> None:
     entries = {name: stored.organs[name] for name in names if name not in fitted}
     for organ in run.organs:
         reference = run.references.get(organ.name)
-        entry = run_entry(organ, run.image, drafts, files=own[organ.name], reference=reference)
+        entry = run_entry(organ, drafts, files=own[organ.name], reference=reference)
         entries[organ.name] = {**entry, "seconds_load": run.seconds_load}
     write_report(
         drafts,
@@ -179,7 +179,7 @@ def _write_pictures(
     common: Sequence[str],
 ) -> None:
     """Write a picture of each organ of the run, one of all of several, and the page that people read."""
-    reported = reported_organs(organs, run.image, {**_stored_references(run, stored), **run.references})
+    reported = reported_organs(organs, {**_stored_references(run, stored), **run.references})
     for organ in reported:
         for warning in organ.compared.warnings if organ.compared is not None and organ.name in run.names else ():
             LOG.warning(f"{organ.name}: warning: {warning}")
