@@ -331,7 +331,7 @@ def test_the_version_is_told(capsys):
 def test_the_program_runs_as_a_process(tmp_path):
     """Without a fit: the start alone."""
     root = Path(__file__).resolve().parents[2] / "VICRegistration"
-    words = [sys.executable, "-m", "VICRegistrationLib.cli", "fit", "none.nii", "--organ", "b", "--seed", "-1,2,3"]
+    words = [sys.executable, "-m", "VICRegistrationLib", "fit", "none.nii", "--organ", "b", "--seed", "-1,2,3"]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     ended = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 2

@@ -183,7 +183,7 @@ def test_importing_a_file_only_defines_things():
         for path in SOURCES
         for node in tree(path).body[1:]
         for part in unguarded(node)
-        # `python -m VICRegistrationLib.cli` runs this file; nothing imports it.
+        # `python -m VICRegistrationLib` runs this file; nothing imports it.
         if not isinstance(part, allowed) and not is_main_guard(part) and path.name != "__main__.py"
     ]
     assert others == []

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from VICRegistrationLib import cli
-from VICRegistrationLib.cli.arguments import option_table, parsed_arguments
+from VICRegistrationLib.cli.arguments import parsed_arguments
 from VICRegistrationLib.cli.configuration import read_requests
+from VICRegistrationLib.cli.fit_command import option_table
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import CLOSURES
 from VICRegistrationLib.registration import options as module

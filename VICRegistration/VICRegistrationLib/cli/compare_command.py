@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 from ..export.mesh_reading import READABLE_MESHES
@@ -14,7 +13,7 @@ from ..report.contents import TOLERANCES, ComparedOrgan, compared_organ
 from ..report.figure import require_packages
 from . import references, validators
 from .comparison_files import CSV, JSON, comparison_table, organ_files, organs_before, write_numbers, write_organ
-from .console import LOG, argument
+from .console import LOG, add_command, argument
 from .solids import file_name, read_solids
 
 _MOST_POINTS = 10_000_000
@@ -44,8 +43,8 @@ examples:
 """
 
 
-def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
     summary = "measure how far surfaces are from a segmentation or a mesh"
     parser = add_command(subparsers, "compare", summary, run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")

@@ -14,6 +14,35 @@ from .process import flush_or_drop
 LOG = logging.getLogger("vic-registration")
 
 
+def add_command(subparsers, name: str, summary: str, run: Callable | None, **choices) -> argparse.ArgumentParser:
+    """Add the parser of a command.
+
+    Parameters
+    ----------
+    subparsers : object
+        Of argparse.
+    name, summary : str
+    run : callable or None
+        Gets what was parsed; None for a command with commands of its own.
+    **choices
+        Of the parser, such as ``epilog``.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
+    parser = subparsers.add_parser(
+        name,
+        help=summary,
+        description=f"{summary[0].upper()}{summary[1:]}.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        **choices,
+    )
+    parser.set_defaults(run=run, parser=parser)
+    return parser
+
+
 def argument(check: Callable) -> Callable:
     """Make a check of values an argument's type: its sentence becomes argparse's complaint.
 

@@ -13,7 +13,7 @@ from ..export.mesh_files import DEFAULT_CHORD_ERROR, write_mesh
 from ..export.step import Solid, validate_solids, write_step
 from ..files import keep_inputs, replacing_folder
 from . import validators
-from .console import LOG, argument
+from .console import LOG, add_command, argument
 from .solids import file_name, read_solids
 
 _SUFFIXES = {"step": (".step", ".stp"), "stl": (".stl",), "ply": (".ply",), "vtp": (".vtp",)}
@@ -35,8 +35,8 @@ examples:
 """
 
 
-def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
     parser = add_command(subparsers, "export", "write surfaces as STEP, STL, PLY or VTP", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--step", metavar="FILE", help="exact solids for CAD and simulation (AP214)")

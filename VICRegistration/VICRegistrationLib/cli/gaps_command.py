@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..analysis.gaps import Gap, gaps
 from ..files import keep_inputs, replacing
+from .console import add_command
 from .solids import read_solids
 
 SCHEMA, VERSION = "vic-registration/gaps", 2
@@ -24,8 +25,8 @@ examples:
 """
 
 
-def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
     parser = add_command(subparsers, "gaps", "measure gaps and overlaps between organs", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--output", metavar="FILE", type=Path, help="JSON file for the numbers")

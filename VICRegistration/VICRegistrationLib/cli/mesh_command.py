@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..export.mesh_files import MESH_SUFFIXES, write_triangles
@@ -16,7 +16,7 @@ from ..meshing.regions import MeshOptions
 from ..multipatch.file import is_model_file, read_model
 from ..multipatch.model import MultiPatchModel
 from . import validators
-from .console import LOG, argument
+from .console import LOG, add_command, argument
 from .solids import read_solids
 
 REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
@@ -49,8 +49,8 @@ examples:
 """
 
 
-def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
     parser = add_command(subparsers, "mesh", "fill surfaces with tetrahedra for simulation", run, epilog=_EPILOG)
     parser.add_argument(
         "surfaces", metavar="SURFACE", nargs="+", help="surface file of fit, NAME.json or NAME.vtp; or one model.json"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 from ..files import keep_inputs
@@ -11,7 +10,7 @@ from ..multipatch.formats import SUFFIXES, check_suffix
 from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
 from . import SOME_FAILED, model_fitting
-from .console import LOG, aligned
+from .console import LOG, add_command, aligned
 
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
@@ -48,12 +47,11 @@ example:
 """
 
 
-def add_parser(subparsers, add_command: Callable) -> None:
-    """Add the words of the command; `add_command` makes a parser from subparsers, name, summary and function."""
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
     parser = add_command(subparsers, "model", "models of several organs and of what holds them", None, epilog=_EPILOG)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
-    fitting = add_command(actions, "fit", "fit a model to an image", model_fitting.run, epilog=model_fitting.EPILOG)
-    model_fitting.add_words(fitting)
+    model_fitting.add_parser(actions)
     showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
     showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, {_NAMES}")
     showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(SUFFIXES)}")

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from ..file_names import folder_name
 from ..imaging.image import Image
 from ..multipatch.fit import check_organs, fit_model
 from ..multipatch.landmarks import check_names, read_landmarks
@@ -16,15 +15,15 @@ from ..multipatch.library import DEFAULT, MODELS, find_model
 from ..multipatch.model import MultiPatchModel
 from ..registration.stacks import Stack
 from ..registration.steps import finish
-from . import validators
 from .configuration import OrganRequest, files_of, read_requests
-from .console import argument
+from .console import add_command
+from .fit_command import add_image, add_output
 from .fitting import Separated, StageLines, fit_to_folder, print_motions
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
 
 _NAMES = " or ".join(MODELS)
-EPILOG = f"""\
+_EPILOG = f"""\
 The organs of a model are fitted together, to their regions and to the grey levels; everything that the image does not
 show is carried along, and is called estimated wherever it is shown. At least two organs of the model must be in the
 configuration, by the names that they have in the model; organs that are not there are predicted and called so. MODEL is
@@ -47,42 +46,21 @@ examples:
 """
 
 
-def add_words(fit: argparse.ArgumentParser) -> None:
-    """Add the words of the command to its parser.
-
-    Parameters
-    ----------
-    fit : argparse.ArgumentParser
-    """
-    fit.add_argument("image", metavar="IMAGE", help="file, or a folder of DICOM slices, as of fit")
-    fit.add_argument(
-        "--also",
-        metavar="IMAGE",
-        action="append",
-        help="another stack of the patient, file or folder: organs are fitted to all of them; may be repeated; "
-        "FOLDER@SERIES or FILE@N chooses one of several",
-    )
-    fit.add_argument(
+def add_parser(subparsers) -> None:
+    """Add the words of the command."""
+    parser = add_command(subparsers, "fit", "fit a model to an image", run, epilog=_EPILOG)
+    add_image(parser)
+    parser.add_argument(
         "--config",
         metavar="FILE",
         required=True,
         help="JSON file with the organs and their seeds or regions, as of fit",
     )
-    fit.add_argument("--model", metavar="MODEL", default=DEFAULT, help=f"file, {_NAMES} (default: {DEFAULT})")
-    fit.add_argument("--landmarks", metavar="FILE", help="places on bone: .mrk.json of Slicer, or an object of names")
-    fit.add_argument("--series", metavar="UID", help="which DICOM series of the folder")
-    fit.add_argument(
-        "--frame", metavar="N", type=argument(validators.frame), help="which volume of an image with several, from 1"
+    parser.add_argument("--model", metavar="MODEL", default=DEFAULT, help=f"file, {_NAMES} (default: {DEFAULT})")
+    parser.add_argument(
+        "--landmarks", metavar="FILE", help="places on bone: .mrk.json of Slicer, or an object of names"
     )
-    fit.add_argument(
-        "--output",
-        metavar="DIR",
-        type=argument(folder_name),
-        default="model",
-        help="folder for the results (default: model)",
-    )
-    fit.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
-    fit.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")
+    add_output(parser, "model")
 
 
 def run(options: argparse.Namespace) -> None:
