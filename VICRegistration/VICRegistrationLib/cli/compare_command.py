@@ -55,7 +55,7 @@ def add_parser(subparsers) -> None:
     how.add_argument(
         "--points",
         metavar="N",
-        type=argument(_points),
+        type=argument(validators.whole(f"distances are taken at 1 to {_MOST_POINTS} points", _MOST_POINTS)),
         default=10_000,
         help="points of each surface, even over its area (default: 10000)",
     )
@@ -114,11 +114,3 @@ def _compared(solids, paths, options: argparse.Namespace) -> list[ComparedOrgan]
         compared_organ(solid.name, solid.surface, found[solid.name].read, found[solid.name].path, **how)
         for solid in solids
     ]
-
-
-def _points(text: str) -> int:
-    """Check the number of points."""
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= _MOST_POINTS:
-        msg = f"{text!r} was given; distances are taken at 1 to {_MOST_POINTS} points"
-        raise ValueError(msg)
-    return int(text)

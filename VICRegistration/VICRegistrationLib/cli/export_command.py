@@ -45,7 +45,7 @@ def add_parser(subparsers) -> None:
     parser.add_argument(
         "--split",
         metavar="K",
-        type=argument(_faces),
+        type=argument(validators.whole(f"a solid is split into 1 to {_MOST_FACES} faces", _MOST_FACES)),
         default=1,
         help="faces of each solid in the STEP file, from pole to pole, for programs that cannot use a seam (default: "
         "1, with a seam)",
@@ -116,11 +116,3 @@ def _write(jobs: dict[Path, Callable[[Path], None]]) -> None:
                 msg = f"{path} is a folder; give the file another name."
                 raise OSError(msg)
             write(folders[path.parent] / path.name)
-
-
-def _faces(text: str) -> int:
-    """Check the number of faces."""
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= _MOST_FACES:
-        msg = f"{text!r} was given; a solid is split into 1 to {_MOST_FACES} faces"
-        raise ValueError(msg)
-    return int(text)

@@ -18,6 +18,7 @@ from .references import OrganReference, chosen_labels, read_references, referenc
 
 # Flags of the options of a fit.
 FLAGS = {name: "--" + name.replace("_", "-") for name in OPTIONS}
+_FRAMES = "the number of a volume is 1 or more (the frame of a mesh is --reference-frame)"
 
 _EPILOG = """\
 Coordinates are RAS mm, as Slicer shows them (right, anterior and superior are positive).
@@ -128,7 +129,7 @@ def add_image(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frame",
         metavar="N",
-        type=argument(validators.frame),
+        type=argument(validators.whole(_FRAMES)),
         help="which volume of an image with several (time points, echoes, phases), from 1",
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 
 def point(value: object) -> tuple[float, float, float]:
@@ -65,12 +66,16 @@ def number(value: str) -> float:
         raise ValueError(msg) from error
 
 
-def frame(value: str) -> int:
-    """Check the number of a volume, from 1."""
-    if not value.isascii() or not value.isdecimal() or int(value) < 1:
-        msg = f"{value!r} was given; the number of a volume is 1 or more (the frame of a mesh is --reference-frame)"
-        raise ValueError(msg)
-    return int(value)
+def whole(needed: str, most: float = math.inf) -> Callable[[str], int]:
+    """Make the check of a whole number from 1 to `most`; `needed` says what it is for."""
+
+    def check(value: str) -> int:
+        if not value.isascii() or not value.isdecimal() or not 1 <= int(value) <= most:
+            msg = f"{value!r} was given; {needed}"
+            raise ValueError(msg)
+        return int(value)
+
+    return check
 
 
 def length(value: str) -> float:
