@@ -7,7 +7,6 @@ far the fitted surfaces are from the true ones, and writes them as exact STEP so
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from .cli.fitting import fit_to_folder
 from .cli.organ_entries import FittedOrgan
 from .cli.references import OrganReference
 from .cli.stored_results import OVERVIEW, PAGE
-from .files import replacing_folder
+from .files import replacing_folder, write_json
 from .geometry.surface import BSplineSurface
 from .phantoms.pelvis import pelvis_phantom, write_phantom
 
@@ -96,8 +95,7 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     with replacing_folder(directory) as drafts:
         for suffix in (".vtu", ".msh"):
             write_tetrahedra(mesh, drafts / f"organs{suffix}")
-        report = json.dumps(quality(mesh).as_json(), indent=2, allow_nan=False)
-        (drafts / "organs.quality.json").write_text(report + "\n", encoding="utf-8")
+        write_json(drafts / "organs.quality.json", quality(mesh).as_json())
         save_figure(mesh_figure(mesh, f"Mesh of {MESH_SIZE_MM:g} mm"), drafts / "organs.png")
     for line in quality(mesh).lines():
         print(line)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..export.mesh_files import write_vtp
-from ..files import replacing
+from ..files import write_json, write_text
 from ..report.contents import ComparedOrgan
 from .console import aligned
 
@@ -161,10 +161,8 @@ def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int,
             organ.name: {**_entry(organ), "files": organ_files(organ.name, pictures=pictures)} for organ in organs
         },
     }
-    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    for name, whole in ((CSV, table.getvalue()), (JSON, text)):
-        with replacing(folder / name) as draft:
-            draft.write_text(whole, encoding="utf-8")
+    write_text(folder / CSV, table.getvalue())
+    write_json(folder / JSON, content)
 
 
 def _entry(organ: ComparedOrgan) -> dict:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..analysis.gaps import Gap, gaps
-from ..files import keep_inputs, replacing
+from ..files import keep_inputs, write_json
 from .console import add_command
 from .solids import read_solids
 
@@ -46,8 +45,7 @@ def run(options: argparse.Namespace) -> None:
     found = gaps({solid.name: solid.surface for solid in solids})
     if options.output is not None:
         content = {"schema": SCHEMA, "version": VERSION, "frame": "RAS", "unit": "mm", "gaps": _entries(found)}
-        with replacing(options.output) as draft:
-            draft.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(options.output, content)
     for gap in found:
         print(gap)
 

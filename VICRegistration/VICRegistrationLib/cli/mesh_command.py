@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..export.mesh_files import MESH_SUFFIXES, write_triangles
 from ..export.step import Solid
 from ..file_names import folder_name
-from ..files import keep_inputs, replacing_folder
+from ..files import keep_inputs, replacing_folder, write_json
 from ..meshing.formats import mesh_format
 from ..meshing.regions import MeshOptions
 from ..multipatch.file import is_model_file, read_model
@@ -113,8 +112,7 @@ def run(options: argparse.Namespace) -> None:
             "frame": "LPS",
             "unit": "mm",
         }
-        text = json.dumps({**content, **report}, indent=2, allow_nan=False, ensure_ascii=False)
-        drafts.joinpath(f"{target.name}.quality.json").write_text(text + "\n", encoding="utf-8")
+        write_json(drafts / f"{target.name}.quality.json", {**content, **report})
     print("\n".join(lines))
     LOG.info(f"written to {target}")
 

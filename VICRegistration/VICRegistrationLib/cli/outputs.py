@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 from .. import __version__
 from ..export.mesh_files import write_stl, write_vtp
 from ..export.step import step_text
-from ..files import replacing
+from ..files import write_json, write_text
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..registration.nets import net_text
@@ -78,8 +77,7 @@ def write_solids(organs: Sequence[FittedOrgan], folder: Path, *, names: Collecti
     if 1 < len(organs) == len(valid):
         texts[ASSEMBLY] = step_text(solids)
     for name, text in texts.items():
-        with replacing(folder / name) as draft:
-            draft.write_text(text, encoding="ascii")
+        write_text(folder / name, text)
     return list(texts)
 
 
@@ -105,8 +103,7 @@ def write_convergence(history: Sequence[Step], path: Path) -> None:
         numbers = (repr(float(step.cost)), repr(float(step.displacement)))
         end = (str(bool(step.converged)).lower(), step.stopped_by)
         writer.writerow([number, step.stage, step.iteration, *numbers, *end])
-    with replacing(path) as draft:
-        draft.write_text(table.getvalue(), encoding="utf-8")
+    write_text(path, table.getvalue())
 
 
 def write_report(
@@ -156,9 +153,7 @@ def write_report(
         **({} if model is None else {"model": model}),
         "failed": failed,
     }
-    with replacing(folder / REPORT) as draft:
-        text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
-        draft.write_text(text + "\n", encoding="utf-8")
+    write_json(folder / REPORT, content)
 
 
 def run_entry(

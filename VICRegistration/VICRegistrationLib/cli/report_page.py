@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..analysis.gaps import gaps
-from ..files import replacing
+from ..files import write_text
 from ..imaging.image import Image
 from ..report.contents import ReportedModel, ReportedOrgan, Source, compared_organ
 from ..report.figure import save_figure
@@ -123,8 +123,7 @@ def write_pictures(
         files=_files(files, common),
         model=model,
     )
-    with replacing(folder / PAGE) as draft:
-        draft.write_text(page, encoding="utf-8")
+    write_text(folder / PAGE, page)
 
 
 def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[str, str]]:

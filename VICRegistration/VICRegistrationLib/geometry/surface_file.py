@@ -25,7 +25,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..files import replacing
+from ..files import write_text
 from ..json_files import checked_content, file_bytes, json_text
 from .surface import BSplineSurface
 from .validity import check_place
@@ -91,8 +91,7 @@ def write_surface(
         "control_net": surface.control_net.tolist(),
     }
     text = json_text(content)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def read_surface(path: str | os.PathLike) -> BSplineSurface:

@@ -35,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import replacing
+from ..files import write_text
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_place
 from ..json_files import checked_content, file_bytes, json_text
@@ -79,8 +79,7 @@ def write_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    with replacing(path) as draft:
-        draft.write_text(model_text(model), encoding="utf-8")
+    write_text(path, model_text(model))
 
 
 def model_text(model: MultiPatchModel) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import replacing
+from ..files import write_text
 from ..imaging.image import Image
 from ..registration.stages import Step
 from ..report.figure import require_packages
@@ -119,8 +119,8 @@ def reproduce(
     say(f"example of figures 5 and 6: shift of {shift:.4f} pixels")
     plots.one_dimensional_plot(directory / "figures_5_6_one_dimension.png", pixels, shift)
     table = markdown(runs, shift)
-    _write(directory / TABLE_CSV, csv_text(runs))
-    _write(directory / TABLE_MD, table + "\n" + _CHOICES)
+    write_text(directory / TABLE_CSV, csv_text(runs))
+    write_text(directory / TABLE_MD, table + "\n" + _CHOICES)
     print(table)
 
 
@@ -254,8 +254,3 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows)]
     title, *lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths)) + " |" for row in rows]
     return "\n".join([title, "|" + "|".join("-" * (width + 2) for width in widths) + "|", *lines])
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
