@@ -24,11 +24,11 @@ from .configuration import OrganRequest
 from .console import LOG
 from .images import read_with_warnings
 from .model_results import ModelResults
-from .organ_entries import FittedOrgan
+from .organ_entries import FittedOrgan, Run
 from .process import silenced_stderr
 from .references import OrganReference
 from .request_checks import check_request
-from .results_folder import Run, restored_organs, target_files, write_results
+from .results_folder import restored_organs, target_files, write_results
 from .stack_entries import motion_text, stack_place
 from .stored_results import StoredResults, image_record, read_results
 

@@ -6,8 +6,8 @@ import base64
 import csv
 import dataclasses
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -28,6 +28,8 @@ from ..registration.organ_fit import OrganFit
 from ..registration.stages import Step
 from ..registration.verdict import Verdict, verdict_of
 from .configuration import OrganRequest
+from .model_results import ModelResults
+from .references import OrganReference
 from .stack_entries import restored_stack, stack_entry
 
 CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm", "converged", "stopped_by")
@@ -74,6 +76,46 @@ class FittedOrgan:
     def verdict(self) -> Verdict:
         """How far the surface can be trusted."""
         return verdict_of(self.fit, self.diagnostics)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run has fitted, and what is to be written about it.
+
+    Parameters
+    ----------
+    organs : sequence of FittedOrgan
+    image : Image
+    record : mapping
+        Which image it is, from :func:`.stored_results.image_record`.
+    seconds_load : float
+        Time to read the image.
+    pictures : bool
+        Whether to draw pictures.
+    step : bool
+        Whether to write the exact solids.
+    references : mapping of str to OrganReference
+        By the organs' names.
+    failed : mapping of str to str
+        Organs that could not be fitted, with the sentences about them.
+    model : ModelResults, optional
+        The generic model that the organs were fitted with.
+    """
+
+    organs: Sequence[FittedOrgan]
+    image: Image
+    record: Mapping[str, object]
+    seconds_load: float
+    pictures: bool
+    step: bool
+    references: Mapping[str, OrganReference] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+    model: ModelResults | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the organs."""
+        return [organ.name for organ in self.organs]
 
 
 def organ_entry(organ: FittedOrgan) -> dict[str, object]:

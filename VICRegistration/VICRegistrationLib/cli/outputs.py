@@ -16,8 +16,7 @@ from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
 from ..registration.nets import net_text
 from ..registration.stages import Step
-from .organ_entries import CONVERGENCE, FittedOrgan, organ_entry
-from .references import OrganReference
+from .organ_entries import CONVERGENCE, FittedOrgan, Run, organ_entry
 from .solids import colored_solids
 from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest
 
@@ -106,33 +105,17 @@ def write_convergence(history: Sequence[Step], path: Path) -> None:
     write_text(path, table.getvalue())
 
 
-def write_report(
-    folder: Path,
-    organs: Mapping[str, Mapping[str, object]],
-    *,
-    image: Mapping[str, object],
-    files: Sequence[str],
-    failed: Mapping[str, str],
-    seconds_load: float,
-    model: Mapping[str, object] | None = None,
-) -> None:
+def write_report(run: Run, organs: Mapping[str, Mapping[str, object]], folder: Path, *, files: Sequence[str]) -> None:
     """Write report.json.
 
     Parameters
     ----------
-    folder : Path
+    run : Run
     organs : mapping of str to mapping
         Entries of all organs of the folder, those of earlier runs too.
-    image : mapping
-        From `image_record`.
+    folder : Path
     files : sequence of str
         Names of the files that are about all organs.
-    failed : mapping of str to str
-        Organs of this run that could not be fitted, with the sentences about them.
-    seconds_load : float
-        Time to read the image.
-    model : mapping, optional
-        Entry of the generic model that the organs were fitted with.
 
     Raises
     ------
@@ -143,45 +126,45 @@ def write_report(
         "schema": SCHEMA,
         "version": VERSION,
         "program": PROGRAM,
-        **image,
+        **run.record,
         "frame": "RAS",
         "mesh_frame": "LPS",
         "unit": "mm",
-        "seconds_load": seconds_load,
+        "seconds_load": run.seconds_load,
         "files": {name: file_digest(folder / name) for name in files},
         "organs": organs,
-        **({} if model is None else {"model": model}),
-        "failed": failed,
+        **({} if run.model is None else {"model": run.model.entry()}),
+        "failed": run.failed,
     }
     write_json(folder / REPORT, content)
 
 
-def run_entry(
-    organ: FittedOrgan, folder: Path, *, files: Sequence[str], reference: OrganReference | None
-) -> dict[str, object]:
-    """Put an organ of this run as report.json keeps it.
+def run_entry(run: Run, organ: FittedOrgan, folder: Path, *, files: Sequence[str]) -> dict[str, object]:
+    """Put an organ of a run as report.json keeps it.
 
     Parameters
     ----------
+    run : Run
     organ : FittedOrgan
+        One of its organs.
     folder : Path
         Holds the files.
     files : sequence of str
-        Names of its files.
-    reference : OrganReference or None
-        What it was compared with.
+        Names of the organ's files.
 
     Returns
     -------
     dict
         That of `organ_entry`, with the program, the time, the files and the reference.
     """
+    reference = run.references.get(organ.name)
     return {
         "program": PROGRAM,
         "written": datetime.now().astimezone().isoformat(timespec="seconds"),
         **organ_entry(organ),
         "reference": None if reference is None else reference.record(),
         "files": {name: file_digest(folder / name) for name in files},
+        "seconds_load": run.seconds_load,
     }
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from .. import __version__
 from ..analysis.gaps import gaps
 from ..files import write_text
-from ..imaging.image import Image
-from ..report.contents import ReportedModel, ReportedOrgan, Source, compared_organ
+from ..report.contents import ReportedOrgan, Source, compared_organ
 from ..report.figure import save_figure
 from ..report.page import report_html
 from ..report.pictures import organ_figure, overview_figure
+from .console import LOG
 from .model_results import MODEL, MODEL_PICTURE, MODEL_STEP, MODEL_VTP
-from .organ_entries import FittedOrgan
+from .organ_entries import FittedOrgan, Run
 from .references import OrganReference
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
 
@@ -38,25 +38,62 @@ _COMMON_PURPOSES = {
 }
 
 
-def reported_organs(organs: Sequence[FittedOrgan], references: Mapping[str, OrganReference]) -> list[ReportedOrgan]:
-    """Compare fitted organs with their references, and find what looks wrong about them.
+def write_pictures(
+    run: Run,
+    organs: Sequence[FittedOrgan],
+    references: Mapping[str, OrganReference],
+    folder: Path,
+    *,
+    files: Mapping[str, Sequence[str]],
+    common: Sequence[str],
+) -> None:
+    """Write a picture of each organ of a run, one of all of several, and report.html.
 
     Parameters
     ----------
+    run : Run
     organs : sequence of FittedOrgan
+        All that the page is about.
     references : mapping of str to OrganReference
         By the organs' names; others have none.
-
-    Returns
-    -------
-    list of ReportedOrgan
+    folder : Path
+    files : mapping of str to sequence of str
+        Names of the files of each organ.
+    common : sequence of str
+        Names of the files that are about all organs.
 
     Raises
     ------
     ValueError
         If an organ cannot be compared with its reference.
+    OSError
+        If a file cannot be written.
+    RuntimeError
+        If matplotlib or Jinja2 is not installed.
     """
-    return [_reported(organ, references.get(organ.name)) for organ in organs]
+    reported = [_reported(organ, references.get(organ.name)) for organ in organs]
+    for organ in reported:
+        if organ.name not in run.names:
+            continue
+        for warning in organ.compared.warnings if organ.compared is not None else ():
+            LOG.warning(f"{organ.name}: warning: {warning}")
+        save_figure(organ_figure(run.image, organ), folder / f"{organ.name}.png")
+    several = len(organs) > 1
+    if several:
+        save_figure(overview_figure(run.image, reported), folder / OVERVIEW)
+    valid = {organ.name: organ.fit.surface for organ in organs if not organ.fit.problems}
+    keys = ("image", "image_series", "image_frame", "image_warnings")
+    page = report_html(
+        reported,
+        run.image,
+        Source(*(run.record[key] for key in keys)),
+        program=f"vic-registration {__version__}",
+        date=datetime.now().astimezone(),
+        gaps=[str(gap) for gap in gaps(valid)] if several else (),
+        files=_files(files, common),
+        model=None if run.model is None else run.model.reported(),
+    )
+    write_text(folder / PAGE, page)
 
 
 def _reported(organ: FittedOrgan, reference: OrganReference | None) -> ReportedOrgan:
@@ -67,63 +104,6 @@ def _reported(organ: FittedOrgan, reference: OrganReference | None) -> ReportedO
         warnings += [f"Comparison with the reference: {warning}" for warning in compared.warnings]
     how = {"seeds": organ.request.seeds, "seconds": organ.seconds, "asked": list(organ.given)}
     return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, verdict=organ.verdict.word, **how)
-
-
-def write_pictures(
-    folder: Path,
-    organs: Sequence[ReportedOrgan],
-    image: Image,
-    source: Source,
-    *,
-    names: Sequence[str],
-    files: Mapping[str, Sequence[str]],
-    common: Sequence[str],
-    model: ReportedModel | None = None,
-) -> None:
-    """Write a picture of some organs, one of all of several, and report.html.
-
-    Parameters
-    ----------
-    folder : Path
-    organs : sequence of ReportedOrgan
-        All that the page is about.
-    image : Image
-        The grey levels that were fitted.
-    source : Source
-    names : sequence of str
-        Of the organs that get a picture of their own.
-    files : mapping of str to sequence of str
-        Names of the files of each organ.
-    common : sequence of str
-        Names of the files that are about all organs.
-    model : ReportedModel, optional
-        The generic model that they were fitted with.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be written.
-    RuntimeError
-        If matplotlib or Jinja2 is not installed.
-    """
-    for organ in organs:
-        if organ.name in names:
-            save_figure(organ_figure(image, organ), folder / f"{organ.name}.png")
-    several = len(organs) > 1
-    if several:
-        save_figure(overview_figure(image, organs), folder / OVERVIEW)
-    valid = {organ.name: organ.fit.surface for organ in organs if not organ.fit.problems}
-    page = report_html(
-        organs,
-        image,
-        source,
-        program=f"vic-registration {__version__}",
-        date=datetime.now().astimezone(),
-        gaps=[str(gap) for gap in gaps(valid)] if several else (),
-        files=_files(files, common),
-        model=model,
-    )
-    write_text(folder / PAGE, page)
 
 
 def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[str, str]]:

@@ -2,61 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..files import replacing_folder
 from ..imaging.image import Image
-from ..report.contents import Source
 from ..transactions import one_at_a_time
 from .console import LOG
-from .model_results import ModelResults, model_files
-from .organ_entries import FittedOrgan, restored_organ
+from .model_results import model_files
+from .organ_entries import FittedOrgan, Run, restored_organ
 from .outputs import organ_files, run_entry, write_organ, write_report, write_solids
 from .references import OrganReference, read_again
-from .report_page import reported_organs, write_pictures
+from .report_page import write_pictures
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT, StoredResults, read_results
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What a run has fitted, and what is to be written about it.
-
-    Parameters
-    ----------
-    organs : sequence of FittedOrgan
-    image : Image
-    record : mapping
-        Which image it is, from :func:`.stored_results.image_record`.
-    seconds_load : float
-        Time to read the image.
-    pictures : bool
-        Whether to draw pictures.
-    step : bool
-        Whether to write the exact solids.
-    references : mapping of str to OrganReference
-        By the organs' names.
-    failed : mapping of str to str
-        Organs that could not be fitted, with the sentences about them.
-    model : ModelResults, optional
-        The generic model that the organs were fitted with.
-    """
-
-    organs: Sequence[FittedOrgan]
-    image: Image
-    record: Mapping[str, object]
-    seconds_load: float
-    pictures: bool
-    step: bool
-    references: Mapping[str, OrganReference] = field(default_factory=dict)
-    failed: Mapping[str, str] = field(default_factory=dict)
-    model: ModelResults | None = None
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the organs."""
-        return [organ.name for organ in self.organs]
 
 
 def target_files(names: Sequence[str], *, pictures: bool, step: bool, model: bool = False) -> list[str]:
@@ -138,11 +96,10 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path) -> None:
     """Write the files of the run, and those about all organs of the folder."""
     for organ in run.organs:
         write_organ(organ, drafts)
-    fitted = {organ.name: organ for organ in run.organs}
     names = [*stored.organs, *(name for name in run.names if name not in stored.organs)]
     everyone = []
     if run.pictures or run.step:
-        found = {**restored_organs(stored, run.names, run.image), **fitted}
+        found = {**restored_organs(stored, run.names, run.image), **{organ.name: organ for organ in run.organs}}
         everyone = [found[name] for name in names]
     solids = write_solids(everyone, drafts, names=run.names) if run.step else []
     own = {name: organ_files(name, pictures=run.pictures, solid=f"{name}.step" in solids) for name in run.names}
@@ -152,43 +109,10 @@ def _write_drafts(run: Run, stored: StoredResults, drafts: Path) -> None:
         common += run.model.write(drafts, pictures=run.pictures)
     if run.pictures:
         common += [PAGE, *([OVERVIEW] if len(names) > 1 else [])]
-        _write_pictures(run, stored, everyone, drafts, files=files, common=common)
-    entries = {name: stored.organs[name] for name in names if name not in fitted}
-    for organ in run.organs:
-        reference = run.references.get(organ.name)
-        entry = run_entry(organ, drafts, files=own[organ.name], reference=reference)
-        entries[organ.name] = {**entry, "seconds_load": run.seconds_load}
-    write_report(
-        drafts,
-        {name: entries[name] for name in names},
-        image=run.record,
-        files=common,
-        failed=run.failed,
-        model=None if run.model is None else run.model.entry(),
-        seconds_load=run.seconds_load,
-    )
-
-
-def _write_pictures(
-    run: Run,
-    stored: StoredResults,
-    organs: Sequence[FittedOrgan],
-    drafts: Path,
-    *,
-    files: Mapping[str, Sequence[str]],
-    common: Sequence[str],
-) -> None:
-    """Write a picture of each organ of the run, one of all of several, and the page that people read."""
-    reported = reported_organs(organs, {**_stored_references(run, stored), **run.references})
-    for organ in reported:
-        for warning in organ.compared.warnings if organ.compared is not None and organ.name in run.names else ():
-            LOG.warning(f"{organ.name}: warning: {warning}")
-    record = run.record
-    source = Source(
-        str(record["image"]), str(record["image_series"] or ""), record["image_frame"], record["image_warnings"]
-    )
-    model = None if run.model is None else run.model.reported()
-    write_pictures(drafts, reported, run.image, source, names=run.names, files=files, common=common, model=model)
+        references = {**_stored_references(run, stored), **run.references}
+        write_pictures(run, everyone, references, drafts, files=files, common=common)
+    entries = {organ.name: run_entry(run, organ, drafts, files=own[organ.name]) for organ in run.organs}
+    write_report(run, {name: entries.get(name) or stored.organs[name] for name in names}, drafts, files=common)
 
 
 def _stored_references(run: Run, stored: StoredResults) -> dict[str, OrganReference]:

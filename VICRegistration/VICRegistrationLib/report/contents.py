@@ -33,8 +33,8 @@ class Source:
     ----------
     path : str
         As the user gave it.
-    series : str
-        The DICOM series that was asked for; empty if none was.
+    series : str, optional
+        The DICOM series that was asked for.
     frame : int, optional
         Which of several volumes was asked for.
     warnings : sequence of str
@@ -42,7 +42,7 @@ class Source:
     """
 
     path: str
-    series: str = ""
+    series: str | None = None
     frame: int | None = None
     warnings: Sequence[str] = ()
 
