@@ -12,13 +12,12 @@ from pathlib import Path
 from .. import __version__
 from ..export.mesh_files import write_vtp
 from ..files import write_json, write_text
-from ..report.contents import ComparedOrgan
+from ..report.contents import STATISTICS, ComparedOrgan
 from .console import aligned
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
 SCALARS = "Deviation"
-_STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum", "mean_signed")
 
 
 def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
@@ -37,9 +36,7 @@ def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
     common = []
     for organ in organs:
         found = organ.comparison
-        for way, each in (("reference to surface", found.to_surface), ("surface to reference", found.to_reference)):
-            numbers = [getattr(each, key) for key in _STATISTICS]
-            distances.append((organ.name, way, *(f"{number:.2f}" for number in numbers[:-1]), f"{numbers[-1]:+.2f}"))
+        distances += [(organ.name, *row) for row in organ.distance_rows]
         tolerances = [f"{tolerance:g} mm" for tolerance, _ in found.surface_dice]
         common.append(
             (
@@ -191,7 +188,7 @@ def _row(organ: ComparedOrgan) -> dict[str, str]:
     numbers = {
         f"{way}_{key}_mm": getattr(getattr(found, way), key)
         for way in ("to_surface", "to_reference")
-        for key in _STATISTICS
+        for key in (*STATISTICS, "mean_signed")
     }
     numbers["hausdorff_mm"] = found.hausdorff
     numbers.update({f"surface_dice_{tolerance:g}mm": share for tolerance, share in found.surface_dice})

@@ -18,6 +18,8 @@ from ..messages import Diagnostic
 from ..registration.organ_fit import OrganFit
 
 TOLERANCES = (0.5, 1.0, 2.0)
+# Of distances without sign, by their names in `Deviation`.
+STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum")
 _CHORD_ERROR = 0.05
 # Small enough to look smooth, and to show where a deviation changes.
 _LEAST_RESOLUTION = (128, 80)
@@ -72,6 +74,16 @@ class ComparedOrgan:
     def against(self) -> str:
         """What it was compared with, in words."""
         return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
+
+    @property
+    def distance_rows(self) -> list[list[str]]:
+        """Rows of a table, one for each way: its name, the numbers of `STATISTICS` and the mean with its sign, mm."""
+        found = self.comparison
+        ways = {"reference to surface": found.to_surface, "surface to reference": found.to_reference}
+        return [
+            [way, *(f"{getattr(each, key):.2f}" for key in STATISTICS), f"{each.mean_signed:+.2f}"]
+            for way, each in ways.items()
+        ]
 
     @property
     def diagnostics(self) -> list[Diagnostic]:

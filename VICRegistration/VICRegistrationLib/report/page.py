@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.distances import Deviation
 from ..imaging.image import Image, patient_side
 from ..messages import sentences
 from ..registration.boundary_points import boundary_deviations
@@ -134,7 +133,7 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
         "pictures": {name: _base64(figure) for name, figure in page_figures(image, organ).items()},
         "confidence": _confidence(fit.confidence),
         "compared": "" if compared is None else compared.against,
-        "distances": () if compared is None else _distances(compared),
+        "distances": () if compared is None else compared.distance_rows,
         "dice": () if compared is None else _dice(compared),
         "inputs": _inputs(organ),
         "choices": [(choice.option, str(choice.value), sentences(choice.reasons)) for choice in fit.choices],
@@ -208,15 +207,6 @@ def _confidence(confidence: Confidence) -> list[str]:
     below = values[order][np.searchsorted(shares, (0.5, 0.9, 0.95, 1.0 - 1e-9))]
     numbers = [f"{value:.2f} mm" for value in below]
     return ["standard deviation", *numbers, f"{percent_text(confidence.unsupported_share)} of the area"]
-
-
-def _distances(compared: ComparedOrgan) -> list[list[str]]:
-    def row(way: str, found: Deviation) -> list[str]:
-        numbers = (found.mean, found.std, found.rms, found.median, found.p95, found.maximum)
-        return [way, *(f"{number:.2f}" for number in numbers), f"{found.mean_signed:+.2f}"]
-
-    found = compared.comparison
-    return [row("reference to surface", found.to_surface), row("surface to reference", found.to_reference)]
 
 
 def _dice(compared: ComparedOrgan) -> list[list[str]]:
