@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _FRAME_AND_UNIT = {"frame": "RAS", "unit": "mm"}
@@ -51,9 +51,9 @@ def file_bytes(path: Path, *, kind: str) -> bytes:
 
 
 def checked_content(
-    text: str | bytes, where: str, *, kind: str, schema: str, version: int, keys: Iterable[str]
+    text: str | bytes, where: str, *, kind: str, schema: str, version: int, keys: Sequence[str] = ()
 ) -> dict[str, object]:
-    """Parse the text of a file, and refuse everything but one schema, version, frame and unit, with all keys.
+    """Parse the text of a file, and refuse everything but one schema, version, frame and unit, with all keys once.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def checked_content(
         What it is to hold: "surface".
     schema : str
     version : int
-    keys : iterable of str
-        That must be there, "frame" and "unit" among them.
+    keys : sequence of str
+        That must be there; those of frame and unit must be "RAS" and "mm".
 
     Returns
     -------
@@ -77,9 +77,9 @@ def checked_content(
         With a sentence for the user.
     """
     try:
-        content = json.loads(text, parse_constant=_refuse_constant)
+        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_duplicates)
     except (ValueError, RecursionError) as error:
-        msg = f"The {where} is not valid JSON ({error}); give a {kind} file as the program writes it."
+        msg = f"The {where} is not valid JSON ({error}); correct it, or give a {kind} file as the program writes it."
         raise ValueError(msg) from error
     if not isinstance(content, dict) or content.get("schema") != schema:
         found = content.get("schema") if isinstance(content, dict) else None
@@ -94,7 +94,7 @@ def checked_content(
         msg = f"The {where} lacks {', '.join(missing)}; write the {kind} again with all keys."
         raise ValueError(msg)
     for key, needed in _FRAME_AND_UNIT.items():
-        if content[key] != needed:
+        if key in keys and content[key] != needed:
             msg = f"The {where} has the {key} {content[key]!r}; convert the {kind} to {needed!r}."
             raise ValueError(msg)
     return content
@@ -103,3 +103,12 @@ def checked_content(
 def _refuse_constant(text: str) -> float:
     msg = f"{text} is not a number"
     raise ValueError(msg)
+
+
+def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    keys = [key for key, _ in pairs]
+    twice = sorted({key for key in keys if keys.count(key) > 1})
+    if twice:
+        msg = f"the key {twice[0]!r} occurs twice in one object"
+        raise ValueError(msg)
+    return dict(pairs)

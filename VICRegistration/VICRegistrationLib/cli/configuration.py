@@ -23,15 +23,14 @@ patient, files or folders relative to the configuration.
 from __future__ import annotations
 
 import difflib
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..file_names import file_key, organ_name
-from ..files import reason
 from ..geometry.models import DEFAULT_NET, closed_organ
+from ..json_files import checked_content, file_bytes
 from ..registration.options import OPTIONS, FitOptions
 from . import validators
 from .stack_entries import stack_place
@@ -164,14 +163,13 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
         If it is not of the schema; the sentence names the organ and the key.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_bytes(), object_pairs_hook=_without_duplicates)
-    except OSError as error:
-        msg = f"The configuration {path} cannot be read ({reason(error)}); give a file that exists."
-        raise OSError(msg) from error
-    except (ValueError, RecursionError) as error:
-        msg = f"The configuration {path} is not valid JSON ({reason(error)}); correct it."
-        raise ValueError(msg) from error
+    content = checked_content(
+        file_bytes(path, kind="configuration"),
+        f"configuration {path}",
+        kind="configuration",
+        schema=SCHEMA,
+        version=VERSION,
+    )
     entries, defaults = _entries(content, path), dict(defaults or {})
     stacks = _stacks(content, path)
     if stacks:
@@ -190,25 +188,8 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
     return requests
 
 
-def _without_duplicates(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    keys = [key for key, _ in pairs]
-    twice = sorted({key for key in keys if keys.count(key) > 1})
-    if twice:
-        msg = f"the key {twice[0]!r} occurs twice in one object"
-        raise ValueError(msg)
-    return dict(pairs)
-
-
-def _entries(content: object, path: Path) -> list:
-    """Entries of the organs below a checked header."""
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != SCHEMA:
-        msg = f"The configuration {path} has the schema {found!r}; it must say {SCHEMA!r}."
-        raise ValueError(msg)
-    version = content.get("version")
-    if isinstance(version, bool) or version != VERSION:
-        msg = f"The configuration {path} has version {version!r}; version {VERSION} is understood."
-        raise ValueError(msg)
+def _entries(content: Mapping[str, object], path: Path) -> list:
+    """Entries of the organs."""
     unknown = sorted(set(content) - {"schema", "version", "organs", "also"})
     if unknown:
         msg = f"The configuration {path} has the unknown key {unknown[0]!r}; use schema, version, organs and also."
