@@ -273,10 +273,8 @@ def _fitted(
 ) -> FittedOrgan:
     """Fit one organ to its region."""
     start = time.perf_counter()
-    lines = StageLines(request.name)
     steps = fit_region(image, region, request.options, boundary_points=request.boundary, further=stacks)
-    fit = finish(steps, on_step=lines)
-    lines.end()
+    fit = finish(steps, on_step=stage_lines(request.name))
     print_motions(request.name, fit.stacks)
     seconds = seconds_separation + time.perf_counter() - start
     return FittedOrgan(request, fit, seconds, seconds_separation)
@@ -289,31 +287,25 @@ def print_motions(name: str, stacks: Sequence[StackUse]) -> None:
             LOG.info(f"{name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
 
 
-class StageLines:
-    """Writes a line for every stage: called with each step, and once more at the end."""
+def stage_lines(name: str) -> Callable[[Step], None]:
+    """Make a function that writes a line at the end of every stage: it gets each step."""
+    steps: list[Step] = []
+    start = time.perf_counter()
 
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._steps: list[Step] = []
-        self._start = self._now = time.perf_counter()
+    def on_step(step: Step) -> None:
+        nonlocal start
+        steps.append(step)
+        if not step.stopped_by:
+            return
+        now = time.perf_counter()
+        state = "" if step.converged else ", not converged"
+        count = f"{len(steps)} iteration{'s' if len(steps) > 1 else ''}"
+        cost = f"cost {steps[0].cost:.4g} -> {step.cost:.4g}"
+        LOG.info(f"{name}: {step.stage}, {count}, {cost}, {now - start:.2f} s{state}")
+        steps.clear()
+        start = now
 
-    def __call__(self, step: Step) -> None:
-        """Take a step; a new stage ends the one before."""
-        if self._steps and step.stage != self._steps[0].stage:
-            self.end()
-        self._steps.append(step)
-        self._now = time.perf_counter()
-
-    def end(self) -> None:
-        """Write the line of the stage so far."""
-        first, last = self._steps[0], self._steps[-1]
-        state = "" if last.converged else ", not converged"
-        count = f"{len(self._steps)} iteration{'s' if len(self._steps) > 1 else ''}"
-        LOG.info(
-            f"{self._name}: {last.stage}, {count}, cost {first.cost:.4g} -> {last.cost:.4g}, "
-            f"{self._now - self._start:.2f} s{state}"
-        )
-        self._steps, self._start = [], self._now
+    return on_step
 
 
 def _described(image: Image) -> str:

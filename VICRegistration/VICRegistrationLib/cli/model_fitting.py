@@ -18,7 +18,7 @@ from ..registration.steps import finish
 from .configuration import OrganRequest, files_of, read_requests
 from .console import add_command
 from .fit_command import add_image, add_output
-from .fitting import Separated, StageLines, fit_to_folder, print_motions
+from .fitting import Separated, fit_to_folder, print_motions, stage_lines
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan
 
@@ -108,9 +108,8 @@ def _fitted(
     regions = {request.name: region for request, region, _ in separated}
     options = {request.name: request.options for request, _, _ in separated}
     further = {request.name: [stacks[path] for path in request.also] for request, _, _ in separated}
-    lines = StageLines("model")
-    fit = finish(fit_model(image, model, regions, options, landmarks=landmarks, further=further), on_step=lines)
-    lines.end()
+    steps = fit_model(image, model, regions, options, landmarks=landmarks, further=further)
+    fit = finish(steps, on_step=stage_lines("model"))
     organs = []
     for request, _, seconds in separated:
         found = fit.organs[request.name]
