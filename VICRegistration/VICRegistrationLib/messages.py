@@ -287,6 +287,14 @@ class Diagnostic:
         }
         return {"code": self.code, "values": values, "sentence": self.sentence()}
 
+    @classmethod
+    def restored(cls, record: Mapping[str, object]) -> Diagnostic:
+        """Read what `record` has written."""
+        values = {
+            name: cls.restored(value) if isinstance(value, dict) else value for name, value in record["values"].items()
+        }
+        return cls(record["code"], values)
+
 
 def sentences(diagnostics: Iterable[Diagnostic]) -> str:
     """Put diagnostics into English sentences, one after the other.

@@ -238,7 +238,8 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
     if asked.get("label") is not None and asked.get("region") is None:
         msg = f"{where}: the key 'label' was given without 'region', whose file it is about; give both."
         raise ValueError(msg)
-    missing = [word for word, there in (("organ", "organ" in named), ("seed", _starts(asked))) if not there]
+    starts = bool(asked.get("seed")) or asked.get("region") is not None
+    missing = [word for word, there in (("organ", "organ" in named), ("seed", starts)) if not there]
     if missing:
         msg = f"{where}: the key {missing[0]!r} is missing; an organ needs organ and seed, or organ and region."
         raise ValueError(msg)
@@ -247,8 +248,3 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
     except ValueError as error:
         msg = f"{where}, {error}"
         raise ValueError(msg) from error
-
-
-def _starts(asked: Mapping[str, object]) -> bool:
-    """Whether there is something to begin with."""
-    return bool(asked.get("seed")) or asked.get("region") is not None

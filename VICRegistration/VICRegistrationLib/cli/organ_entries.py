@@ -156,7 +156,10 @@ def organ_entry(organ: FittedOrgan) -> dict[str, object]:
         "erosion": None if region is None or region.erosion is None else float(region.erosion),
         "options": dataclasses.asdict(fit.options),
         "options_given": organ.given,
-        "choices": [_choice_entry(choice) for choice in fit.choices],
+        "choices": [
+            {"option": each.option, "value": each.value, "reasons": [reason.record() for reason in each.reasons]}
+            for each in fit.choices
+        ],
         "touches_border": [] if whole is None else border_sides(fit.image, whole),
         "valid": not fit.problems,
         "warnings": [diagnostic.record() for diagnostic in organ.diagnostics],
@@ -217,7 +220,10 @@ def _restored_fit(
         options=options,
         boundary_points=points if options.boundary_weight > 0.0 else points[:0],
         uncorrected=surface,
-        choices=tuple(_restored_choice(choice) for choice in entry["choices"]),
+        choices=tuple(
+            Choice(each["option"], each["value"], tuple(map(Diagnostic.restored, each["reasons"])))
+            for each in entry["choices"]
+        ),
         image=image,
         stacks=tuple(restored_stack(stack) for stack in entry.get("stacks", ())),
         whole_region=_restored_whole(entry, options, image),
@@ -240,7 +246,7 @@ def _restored_whole(entry: Mapping[str, object], options: FitOptions, image: Ima
     if found is None:
         return None
     matrix = beginning_at(image.ijk_to_ras, np.array(found["offset_kji"][::-1], dtype=float))
-    diagnostics = tuple(_restored_diagnostic(record) for record in found["diagnostics"])
+    diagnostics = tuple(map(Diagnostic.restored, found["diagnostics"]))
     return Region(
         _mask(found),
         tuple(found["offset_kji"]),
@@ -266,7 +272,7 @@ def _restored_region(entry: Mapping[str, object], options: FitOptions, image: Im
     found = entry["region"]
     own = {"threshold": options.threshold, "erosion": entry["erosion"]}
     region = region_from_crop(image, _mask(found), np.array(found["offset_kji"]), fill=False, **own)
-    return replace(region, diagnostics=tuple(_restored_diagnostic(record) for record in found["diagnostics"]))
+    return replace(region, diagnostics=tuple(map(Diagnostic.restored, found["diagnostics"])))
 
 
 def _mask(found: Mapping[str, object]) -> np.ndarray:
@@ -274,24 +280,6 @@ def _mask(found: Mapping[str, object]) -> np.ndarray:
     shape = tuple(found["shape_kji"])
     bits = np.frombuffer(zlib.decompress(base64.b64decode(found["voxels"])), dtype=np.uint8)
     return np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
-
-
-def _choice_entry(choice: Choice) -> dict[str, object]:
-    reasons = [reason.record() for reason in choice.reasons]
-    return {"option": choice.option, "value": choice.value, "reasons": reasons}
-
-
-def _restored_choice(entry: Mapping[str, object]) -> Choice:
-    reasons = tuple(_restored_diagnostic(record) for record in entry["reasons"])
-    return Choice(entry["option"], entry["value"], reasons)
-
-
-def _restored_diagnostic(record: Mapping[str, object]) -> Diagnostic:
-    values = {
-        name: _restored_diagnostic(value) if isinstance(value, dict) else value
-        for name, value in record["values"].items()
-    }
-    return Diagnostic(record["code"], values)
 
 
 def _options(entry: Mapping[str, object]) -> FitOptions:

@@ -103,7 +103,7 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
         name=entry["file"],
         # What its file leaves open was reported by the run that used it.
         image=read_image(path, warn=lambda note: None, **choice),
-        reason=None if why is None else Diagnostic(why["code"], why["values"]),
+        reason=None if why is None else Diagnostic.restored(why),
         motion=np.array(entry["motion"]),
         center=np.array(entry["center"]),
         seen=entry["share_of_area_seen"],
