@@ -14,8 +14,6 @@ References
 
 import importlib
 
-from . import surface_formats
-
 __version__ = "0.1.0"
 
 # Public names by the module that holds them. They are imported when they are asked for: SciPy, SimpleITK and VTK take
@@ -56,17 +54,3 @@ def __getattr__(name):
 def __dir__():
     """Names of the package, those that were not asked for yet too."""
     return sorted({*globals(), *__all__})
-
-
-def _later(module, function):
-    """Make a function that imports another one when it is called."""
-    return lambda *arguments, **choices: getattr(importlib.import_module(module, __name__), function)(
-        *arguments, **choices
-    )
-
-
-surface_formats.writers = {
-    ".json": _later(".geometry.surface_file", "write_surface"),
-    **dict.fromkeys((".step", ".stp"), _later(".export.step", "write_step_surface")),
-    **dict.fromkeys((".vtp", ".stl", ".ply"), _later(".export.mesh_files", "write_mesh")),
-}

@@ -1,17 +1,22 @@
 """Formats that a surface can be saved in, by the ending of the file's name.
 
-``BSplineSurface.save`` looks here for what writes a format. So that `geometry` imports nothing of `export`, the package
-itself, which is imported before any part of it, puts the writers in.
+``BSplineSurface.save`` looks here for what writes a format. So that `geometry` imports nothing of `export`, a writer's
+module is imported when it is asked for.
 """
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from pathlib import Path
 
-# By the ending with its dot, in lower case; called as ``writer(surface, path, name=name, **choices)``.
-writers: dict[str, Callable[..., None]] = {}
+# Module and function by the ending with its dot, in lower case.
+_WRITERS = {
+    ".json": ("geometry.surface_file", "write_surface"),
+    **dict.fromkeys((".step", ".stp"), ("export.step", "write_step_surface")),
+    **dict.fromkeys((".vtp", ".stl", ".ply"), ("export.mesh_files", "write_mesh")),
+}
 
 
 def writer_of(path: str | os.PathLike) -> Callable[..., None]:
@@ -24,6 +29,7 @@ def writer_of(path: str | os.PathLike) -> Callable[..., None]:
     Returns
     -------
     callable
+        Called as ``writer(surface, path, name=name, **choices)``.
 
     Raises
     ------
@@ -31,7 +37,8 @@ def writer_of(path: str | os.PathLike) -> Callable[..., None]:
         If no format has that ending.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in writers:
-        msg = f"The file {path} was asked for; surfaces are written as {', '.join(writers)}. Choose another ending."
+    if suffix not in _WRITERS:
+        msg = f"The file {path} was asked for; surfaces are written as {', '.join(_WRITERS)}. Choose another ending."
         raise ValueError(msg)
-    return writers[suffix]
+    module, function = _WRITERS[suffix]
+    return getattr(importlib.import_module(f".{module}", __package__), function)
