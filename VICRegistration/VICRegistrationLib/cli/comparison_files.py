@@ -9,11 +9,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from .. import __version__
 from ..export.mesh_files import write_vtp
 from ..files import write_json, write_text
 from ..report.contents import STATISTICS, ComparedOrgan
 from .console import aligned
+from .outputs import PROGRAM
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
@@ -149,7 +149,7 @@ def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int,
     content = {
         "schema": SCHEMA,
         "version": VERSION,
-        "program": f"vic-registration {__version__}",
+        "program": PROGRAM,
         "frame": "RAS",
         "mesh_frame": "LPS",
         "unit": "mm",

@@ -18,7 +18,7 @@ from . import validators
 from .console import LOG, add_command, argument
 from .solids import read_solids
 
-REPORT_SCHEMA, REPORT_VERSION = "vic-registration/mesh-quality", 1
+SCHEMA, VERSION = "vic-registration/mesh-quality", 1
 _DEFAULT = MeshOptions()
 
 _EPILOG = f"""\
@@ -105,13 +105,7 @@ def run(options: argparse.Namespace) -> None:
     with replacing_folder(target.parent) as drafts:
         make = _triangles if options.surface else _tetrahedra
         lines, report = make(solids, settings, drafts / target.name)
-        content = {
-            "schema": REPORT_SCHEMA,
-            "version": REPORT_VERSION,
-            "file": target.name,
-            "frame": "LPS",
-            "unit": "mm",
-        }
+        content = {"schema": SCHEMA, "version": VERSION, "file": target.name, "frame": "LPS", "unit": "mm"}
         write_json(drafts / f"{target.name}.quality.json", {**content, **report})
     print("\n".join(lines))
     LOG.info(f"written to {target}")

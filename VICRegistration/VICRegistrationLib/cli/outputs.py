@@ -21,6 +21,15 @@ from .solids import colored_solids
 from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest
 
 PROGRAM = f"vic-registration {__version__}"
+# Files of an organ: their endings, and what they are for.
+ORGAN_FILES = {
+    ".vtp": "triangles for Slicer and other programs (LPS mm), with the control net",
+    ".stl": "triangles (LPS mm)",
+    ".json": "the B-spline surface itself (RAS mm)",
+    "_convergence.csv": "cost and largest displacement of every iteration",
+    ".png": "slices, surface and convergence in one picture",
+    ".step": "the exact solid for CAD and simulation (LPS mm)",
+}
 
 
 def write_organ(organ: FittedOrgan, folder: Path) -> None:
@@ -183,12 +192,5 @@ def organ_files(name: str, *, pictures: bool, solid: bool = False) -> list[str]:
     -------
     list of str
     """
-    endings = [
-        ".vtp",
-        ".stl",
-        ".json",
-        "_convergence.csv",
-        *([".png"] if pictures else []),
-        *([".step"] if solid else []),
-    ]
-    return [name + ending for ending in endings]
+    left_out = {".png": not pictures, ".step": not solid}
+    return [name + ending for ending in ORGAN_FILES if not left_out.get(ending)]

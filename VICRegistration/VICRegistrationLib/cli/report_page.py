@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from .. import __version__
 from ..analysis.gaps import gaps
 from ..files import write_text
 from ..report.contents import ReportedOrgan, Source, compared_organ
@@ -16,18 +15,11 @@ from ..report.pictures import organ_figure, overview_figure
 from .console import LOG
 from .model_results import MODEL, MODEL_PICTURE, MODEL_STEP, MODEL_VTP
 from .organ_entries import FittedOrgan, Run
+from .outputs import ORGAN_FILES, PROGRAM
 from .references import OrganReference
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
 
-_PURPOSES = {
-    ".vtp": "triangles for Slicer and other programs (LPS mm), with the control net",
-    ".stl": "triangles (LPS mm)",
-    ".json": "the B-spline surface itself (RAS mm)",
-    "_convergence.csv": "cost and largest displacement of every iteration",
-    ".png": "slices, surface and convergence in one picture",
-    ".step": "the exact solid for CAD and simulation (LPS mm)",
-}
-_COMMON_PURPOSES = {
+_COMMON_FILES = {
     REPORT: "the numbers of this report, for programs",
     OVERVIEW: "picture of all organs",
     ASSEMBLY: "assembly of the exact solids (LPS mm)",
@@ -87,7 +79,7 @@ def write_pictures(
         reported,
         run.image,
         Source(*(run.record[key] for key in keys)),
-        program=f"vic-registration {__version__}",
+        program=PROGRAM,
         date=datetime.now().astimezone(),
         gaps=[str(gap) for gap in gaps(valid)] if several else (),
         files=_files(files, common),
@@ -110,7 +102,7 @@ def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tu
     """Files beside the page with what they are for, those of one kind together."""
     kinds = [
         ([name + ending for name, own in files.items() if name + ending in own], use)
-        for ending, use in _PURPOSES.items()
+        for ending, use in ORGAN_FILES.items()
     ]
-    kinds += [([name], use) for name, use in _COMMON_PURPOSES.items() if name in (REPORT, *common)]
+    kinds += [([name], use) for name, use in _COMMON_FILES.items() if name in (REPORT, *common)]
     return [(", ".join(kind), use) for kind, use in kinds if kind]

@@ -16,11 +16,10 @@ from ..multipatch.vtp import holds_patches
 from ..organ_colours import organ_colours, rgb
 from ..transactions import recover
 from .console import LOG
+from .stored_results import REPORT
 
 # Files of organs that hold their surfaces; others, of the same names, hold triangles or solids.
 _SUFFIXES = (".json", ".vtp")
-# A fit writes it beside its surfaces, so that organs/*.json names it too; no organ can have its name.
-_REPORT = "report.json"
 
 
 def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
@@ -49,7 +48,8 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     surfaces: dict[str, BSplineSurface] = {}
     read: dict[str, Path] = {}
     for path in map(Path, paths):
-        if path.name == _REPORT:
+        # A fit writes it beside its surfaces, so that organs/*.json names it too; no organ can have its name.
+        if path.name == REPORT:
             LOG.warning(f"{path} is the report of a fit and holds no surface; it is left out")
             continue
         if is_model_file(path) or holds_patches(path):
