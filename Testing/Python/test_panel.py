@@ -177,7 +177,7 @@ def test_a_command_behind_a_launcher_is_cancelled(tmp_path, monkeypatch):
     launcher = tmp_path / "PythonSlicer"
     launcher.write_text(f'#!/bin/sh\n"{sys.executable}" "$@" <&0\nexit $?\n')
     launcher.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(sys, "executable", str(launcher))
     from recorded_widgets.event_loop import LOOP
 
     from VICRegistrationLib.gui.command import Command

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 import subprocess
@@ -180,18 +179,6 @@ def test_a_file_that_ends_its_reader_is_refused(surface, tmp_path, suffix):
     # VTK 9.6 ends its process with it; another version may return it, and it is refused in other words.
     with pytest.raises(ValueError, match=REFUSED):
         read_reference(path)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the launcher is a shell script")
-def test_in_slicer_its_python_reads(surface, tmp_path, monkeypatch):
-    launcher, path = tmp_path / "PythonSlicer", tmp_path / "a.stl"
-    launcher.write_text(f'#!/bin/sh\ntouch "{tmp_path}/started"\nexec "{sys.executable}" "$@"\n')
-    launcher.chmod(0o755)
-    write_mesh(surface, path, name="a")
-    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    monkeypatch.setattr(sys, "executable", "Slicer")
-    assert depth(read_reference(path).reference) == pytest.approx(-8.0, abs=0.1)
-    assert (tmp_path / "started").exists()
 
 
 def test_what_keeps_the_reading_process_from_its_work_is_no_damage(surface, tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -153,9 +152,8 @@ def _read(path: Path) -> vtkPolyData:
     """Read a file in a process of its own, which some damaged ones end (.ply, .vtk and .vtp; 0.2 s more each)."""
     with tempfile.TemporaryDirectory(prefix="vic-mesh-") as folder:
         copy = str(Path(folder) / "copy.vtp")
-        # Slicer's own program is no Python, but beside it is one.
-        python = shutil.which("PythonSlicer") or sys.executable
-        command = [python, mesh_to_vtp.__file__, str(path), copy]
+        # Slicer sets it to PythonSlicer.
+        command = [sys.executable, mesh_to_vtp.__file__, str(path), copy]
         # No window of a console where there is none (Windows).
         hidden = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), "stdin": subprocess.DEVNULL}
         done = subprocess.run(command, capture_output=True, check=False, **hidden)

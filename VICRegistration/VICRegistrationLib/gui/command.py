@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from pathlib import Path
 
@@ -43,8 +42,8 @@ class Command:
         self._process.connect("readyReadStandardError()", self._read)
         self._process.connect("finished(int,QProcess::ExitStatus)", self._finished)
         self._process.connect("errorOccurred(QProcess::ProcessError)", self._failed)
-        python = shutil.which("PythonSlicer") or sys.executable
-        self._process.start(python, ["-c", _PROGRAM, str(_LIBRARY), *arguments])
+        # Slicer sets it to PythonSlicer.
+        self._process.start(sys.executable, ["-c", _PROGRAM, str(_LIBRARY), *arguments])
 
     def cancel(self):
         """Ask the process to end, and end it if it does not."""
