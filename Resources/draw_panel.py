@@ -32,8 +32,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from VICRegistrationLib.gui.form import LEAST_ROWS, MOST_ROWS, STACK_ROWS, organRows, tableHeight
 from VICRegistrationLib.gui.option_texts import WIDGETS, optionTexts
+from VICRegistrationLib.gui.widgets import LEAST_ROWS, MOST_ROWS, STACK_ROWS, organRows, tableHeight
 from VICRegistrationLib.registration.options import OPTIONS, FitOptions
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -38,7 +38,7 @@ NEEDED_KEYS = {"$schema", "category", "scm_url"}
 # Run in processes of their own, and never imported.
 PROGRAMS = {"gmsh_worker.py": {"gmsh"}, "patch_worker.py": {"gmsh"}}
 # The one place where packages are installed: when they are needed, after asking.
-INSTALLER = "packages.py"
+INSTALLER = "mesher.py"
 # Python 3.9 does not tell which modules are its own.
 STANDARD_LIBRARY = getattr(sys, "stdlib_module_names", None)
 
@@ -220,7 +220,7 @@ def test_nothing_is_sent_or_fetched_and_installed_only_with_consent():
     installing = [path for path in SOURCES if "pip_install" in path.read_text(encoding="utf-8")]
     assert [path.name for path in installing] == [INSTALLER]
     text = installing[0].read_text(encoding="utf-8")
-    assert text.index("confirmOkCancelDisplay(") < text.index("pip_install(requirement)")
+    assert text.index("confirmOkCancelDisplay(") < text.index('pip_install("gmsh")')
 
 
 def test_no_program_is_kept_in_binary_form():

@@ -124,7 +124,7 @@ def test_what_one_works_with_stands_in_600_pixels(application, organs, stacks):
 
 
 def test_a_table_is_as_high_as_its_rows():
-    from VICRegistrationLib.gui.form import tableHeight
+    from VICRegistrationLib.gui.widgets import tableHeight
 
     heights = [tableHeight(rows, row=24, header=20, frame=1) for rows in (0, 2, 3, 6, 40)]
     assert heights == [70, 70, 94, 166, 166]

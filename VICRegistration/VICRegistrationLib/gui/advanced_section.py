@@ -7,8 +7,8 @@ from ..mrml.sentences import translated
 from ..registration import options as table
 from ..registration.options import FitOptions
 from .binding import Binding
-from .form import showRow
 from .option_texts import WIDGETS, optionTexts
+from .widgets import showRow
 
 
 class AdvancedSection:
@@ -21,7 +21,7 @@ class AdvancedSection:
 
     def __init__(self, ui):
         self._ui = ui
-        self._organ = self._binding = None
+        self._organ, self._binding = None, Binding()
         labels, toolTips = optionTexts(lambda text: translated(text, table))
         for name, text in labels.items():
             getattr(ui, name).text = text
@@ -37,14 +37,10 @@ class AdvancedSection:
         ----------
         organ : OrganParameters or None
         """
-        if self._binding is not None:
-            self._binding.release()
-            self._binding = None
+        self._binding.release()
         self._organ = organ
         if organ is not None:
-            self._binding = Binding(
-                organ, {parameter: getattr(self._ui, widget) for _name, parameter, widget in WIDGETS}
-            )
+            self._binding.bind(organ, {parameter: getattr(self._ui, widget) for _name, parameter, widget in WIDGETS})
         self.refresh()
 
     def refresh(self):

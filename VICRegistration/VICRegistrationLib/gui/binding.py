@@ -1,16 +1,14 @@
-"""Parameters of an organ bound to widgets, and released without a trace."""
+"""What is chosen for an organ, kept equal in its parameters and in the widgets, and released without a trace."""
 
 from __future__ import annotations
 
+import slicer
+
+from .widgets import signalsBlocked
+
 
 class Binding:
-    """Keeps parameters and widgets equal, both ways, until it is released.
-
-    Parameters
-    ----------
-    wrapper : parameterNodeWrapper object
-    mapping : dict of str to QWidget
-        Parameter name to the widget that shows it.
+    """Keeps parameters and widgets equal, both ways, from :meth:`bind` until it is released.
 
     Notes
     -----
@@ -18,9 +16,20 @@ class Binding:
     observers are noted here while they are added.
     """
 
-    def __init__(self, wrapper, mapping):
-        self._wrapper, self._node = wrapper, wrapper.parameterNode
-        self._observers = []
+    def __init__(self):
+        self._wrapper, self._tag, self._observers = None, None, []
+
+    def bind(self, wrapper, mapping):
+        """Release what was bound before, and bind other parameters.
+
+        Parameters
+        ----------
+        wrapper : parameterNodeWrapper object
+        mapping : dict of str to QWidget
+            Parameter name to the widget that shows it.
+        """
+        self.release()
+        self._wrapper = wrapper
         wrapper.AddObserver = self._observe
         try:
             self._tag = wrapper.connectParametersToGui(mapping)
@@ -29,12 +38,67 @@ class Binding:
 
     def release(self):
         """Let widgets and parameters go their own ways."""
+        if self._wrapper is None:
+            return
         self._wrapper.disconnectGui(self._tag)
         for tag in self._observers:
-            self._node.RemoveObserver(tag)
-        self._observers = []
+            self._wrapper.parameterNode.RemoveObserver(tag)
+        self._wrapper, self._observers = None, []
 
     def _observe(self, event, callback, priority=0.0):
-        tag = self._node.AddObserver(event, callback, priority)
+        tag = self._wrapper.parameterNode.AddObserver(event, callback, priority)
         self._observers.append(tag)
         return tag
+
+
+class SegmentChoice:
+    """Keeps a selector of segments and two parameters of an organ equal, both ways.
+
+    Parameters
+    ----------
+    selector : qMRMLSegmentSelectorWidget
+    nodeName, idName : str
+        Parameters that hold the segmentation and the ID of its segment.
+    """
+
+    def __init__(self, selector, nodeName, idName):
+        self._selector, self._names, self._organ = selector, (nodeName, idName), None
+        selector.connect("currentNodeChanged(vtkMRMLNode*)", self._chosen)
+        selector.connect("currentSegmentChanged(QString)", self._chosen)
+
+    def show(self, organ):
+        """Show what is chosen for an organ, and write choices to it from now on.
+
+        Parameters
+        ----------
+        organ : OrganParameters or None
+            None: choices are written nowhere.
+        """
+        self._organ = organ
+        if organ is None:
+            return
+        selector, (node, segmentId) = self._selector, self._kept()
+        if node is not None and segmentId and node.GetSegmentation().GetSegment(segmentId) is None:
+            # Removed while nobody looked; the selector would take another one, which nobody has chosen.
+            segmentId = ""
+            setattr(organ, self._names[1], segmentId)
+        with signalsBlocked(selector):
+            if selector.currentNode() is not node:
+                selector.setCurrentNode(node)
+            if node is not None and selector.currentSegmentID() != segmentId:
+                selector.setCurrentSegmentID(segmentId)
+
+    def _kept(self):
+        return tuple(getattr(self._organ, name) for name in self._names)
+
+    def _chosen(self, _chosen=None):
+        if self._organ is None:
+            return
+        node, segmentId = self._selector.currentNode(), self._selector.currentSegmentID() or ""
+        keptNode, keptId = self._kept()
+        if node is not None and node is keptNode and keptId:
+            # Where the chosen segment was removed the selector takes another one, which nobody has chosen.
+            segmentId = segmentId if node.GetSegmentation().GetSegment(keptId) is not None else ""
+        with slicer.util.NodeModify(self._organ.parameterNode):
+            for name, value in zip(self._names, (node, segmentId)):
+                setattr(self._organ, name, value)

@@ -10,11 +10,9 @@ from ..mrml.comparing import compareOrgan, comparisonText, patientOf, setPatient
 from ..mrml.comparison_table import tableAsCsv
 from ..mrml.organ_nodes import volumeOf
 from ..mrml.parameters import ReferenceKind
-from .binding import Binding
-from .form import showRow
+from .binding import Binding, SegmentChoice
 from .message_label import MessageLabel
-from .segment_choice import SegmentChoice
-from .signals import signalsBlocked
+from .widgets import showRow, signalsBlocked
 
 
 def _colorings():
@@ -39,8 +37,8 @@ class CompareSection:
 
     def __init__(self, ui):
         self._ui = ui
-        self._organ = self._volume = self._binding = None
-        self._message = MessageLabel(ui.compareStatusLabel)
+        self._organ = self._volume = None
+        self._binding, self._show = Binding(), MessageLabel(ui.compareStatusLabel).show
         self._segment = SegmentChoice(ui.referenceSegmentSelector, "referenceSegmentation", "referenceSegmentId")
         for name, text, _remedy in _colorings():
             ui.colorByCombo.addItem(text, name)
@@ -57,21 +55,15 @@ class CompareSection:
         organ : OrganParameters or None
         volumeNode : vtkMRMLScalarVolumeNode or None
         """
-        self.release()
+        ui = self._ui
+        self._segment.show(None)
+        self._binding.release()
+        self._organ, self._volume = organ, volumeNode
         if organ is not None:
-            self._organ, self._volume = organ, volumeNode
-            ui = self._ui
-            self._binding = Binding(
+            self._binding.bind(
                 organ, {"referenceKind": ui.referenceKindCombo, "referenceModel": ui.referenceModelSelector}
             )
         self.refresh(busy=False)
-
-    def release(self):
-        """Let go of the organ and its nodes."""
-        self._segment.show(None)
-        if self._binding is not None:
-            self._binding.release()
-        self._organ = self._volume = self._binding = None
 
     def refresh(self, *, busy):
         """Show what is compared, how the surface is coloured and what was found.
@@ -151,6 +143,3 @@ class CompareSection:
             return
         slicer.app.clipboard().setText(text)
         self._show(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
-
-    def _show(self, text):
-        self._message.show(text)

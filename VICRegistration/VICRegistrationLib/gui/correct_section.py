@@ -11,8 +11,7 @@ from ..mrml.fitting import boundaryDeviations
 from ..mrml.organ_nodes import boundaryPointsOf
 from ..mrml.points import placedPoints, placingEvents, removeLastPoint
 from .binding import Binding
-from .form import fitHeight
-from .place_buttons import showPlaceButtons, stopPlacing
+from .widgets import fitHeight, setUpTable, showPlaceButtons, stopPlacing
 
 
 class CorrectSection(VTKObservationMixin):
@@ -30,15 +29,8 @@ class CorrectSection(VTKObservationMixin):
     def __init__(self, ui, onRefit, onPoints):
         VTKObservationMixin.__init__(self)
         self._ui, self._onPoints = ui, onPoints
-        self._organ = self._volume = self._binding = None
-        table = ui.boundaryTable
-        table.setColumnCount(2)
-        table.setHorizontalHeaderLabels([_("Boundary point (mm R, A, S)"), _("Off the surface (mm)")])
-        table.verticalHeader().setVisible(False)
-        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
-        table.horizontalHeader().setSectionResizeMode(0, qt.QHeaderView.Stretch)
-        table.horizontalHeader().setSectionResizeMode(1, qt.QHeaderView.ResizeToContents)
-        fitHeight(table)
+        self._organ, self._volume, self._binding = None, None, Binding()
+        setUpTable(ui.boundaryTable, [_("Boundary point (mm R, A, S)"), _("Off the surface (mm)")], wide=0)
         showPlaceButtons(ui.boundaryPlaceWidget)
         ui.boundaryPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
         ui.undoPointButton.connect("clicked()", self._removeLast)
@@ -52,25 +44,17 @@ class CorrectSection(VTKObservationMixin):
         organ : OrganParameters or None
         volumeNode : vtkMRMLScalarVolumeNode or None
         """
-        self.release()
-        if organ is None or volumeNode is None:
-            self._ui.boundaryPlaceWidget.setCurrentNode(None)
-            self.refresh(busy=False)
-            return
-        self._organ, self._volume = organ, volumeNode
-        self._binding = Binding(organ, {"boundaryWeight": self._ui.boundaryWeightSlider})
-        points = boundaryPointsOf(organ, volumeNode)
-        for event in placingEvents():
-            self.addObserver(points, event, self._pointsChanged)
+        self.removeObservers()
+        self._binding.release()
+        self._organ = self._volume = points = None
+        if organ is not None and volumeNode is not None:
+            self._organ, self._volume = organ, volumeNode
+            self._binding.bind(organ, {"boundaryWeight": self._ui.boundaryWeightSlider})
+            points = boundaryPointsOf(organ, volumeNode)
+            for event in placingEvents():
+                self.addObserver(points, event, self._pointsChanged)
         self._ui.boundaryPlaceWidget.setCurrentNode(points)
         self.refresh(busy=False)
-
-    def release(self):
-        """Let go of the organ and its nodes."""
-        self.removeObservers()
-        if self._binding is not None:
-            self._binding.release()
-        self._organ = self._volume = self._binding = None
 
     def stopPlacing(self):
         """Leave the mode in which clicks place boundary points; the mode of somebody else stays."""

@@ -6,9 +6,9 @@ import ctk
 from slicer.i18n import tr as _
 
 from ..mrml.exporting import MESHES, exportSurfaces, meshArguments
-from .form import showRow
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
+from .widgets import showRow
 
 _SELECTED, _ALL = range(2)
 
@@ -33,7 +33,7 @@ class ExportSection:
 
     def __init__(self, ui):
         self._ui, self._organs, self._current = ui, [], None
-        self._message = MessageLabel(ui.exportStatusLabel)
+        self._show = MessageLabel(ui.exportStatusLabel).show
         self._mesher = Mesher(self._show, self._formatChosen)
         for suffix, text in _formats():
             ui.exportFormatCombo.addItem(text, suffix)
@@ -111,6 +111,3 @@ class ExportSection:
             "wallMm": ui.meshWallSlider.value,
         }
         self._mesher.mesh(lambda work: meshArguments(self._chosen(), work, folder, suffix, **how))
-
-    def _show(self, text):
-        self._message.show(text)

@@ -38,7 +38,7 @@ class FitSection:
         self._ui, self._onChanged = ui, onChanged
         self._queue, self._runner, self._organ, self._volume = [], None, None, None
         self._message = MessageLabel(ui.fitStatusLabel)
-        self._isNew, self._moreStages = False, 0
+        self._moreStages = 0
         self._progress = self._plotView = self._shown = None
         ui.fitButton.connect("clicked()", onFit)
         ui.fitAllButton.connect("clicked()", onFitAll)
@@ -128,7 +128,7 @@ class FitSection:
             return
         self._organ, steps, isRefit = self._queue.pop(0)
         stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
-        self._progress, self._isNew = _Progress(stages + self._moreStages), self._organ.surface is None
+        self._progress = _Progress(stages + self._moreStages)
         self._showProgress(0)
         self._message.show(_("{organ}: separating").format(organ=self._organ.label))
         # The fill would lie over the surface.
@@ -142,9 +142,7 @@ class FitSection:
             # The generator reports its deletion before its next step.
             return
         moveSurface(organ.surface, step.surface)
-        if self._isNew:
-            self._isNew = False
-            focusOnce(self._volume)
+        focusOnce(self._volume)
         self._showProgress(self._progress.after(step))
         self._message.show(
             _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(

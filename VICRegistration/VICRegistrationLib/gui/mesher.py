@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import logging
 import shutil
+import subprocess
 import tempfile
 from pathlib import Path
 
+import slicer
 from slicer.i18n import tr as _
 
 from ..mrml.exporting import loadMesh
 from .command import Command
-from .packages import ensurePackage
 
 _VTU = ".vtu"
 
@@ -65,7 +69,7 @@ class Mesher:
         ValueError, OSError
             As `arguments` does; nothing is left then.
         """
-        if not ensurePackage("gmsh", "gmsh", _("A mesh of tetrahedra")):
+        if not _gmshIsThere() and not _installGmsh():
             self._show(
                 _(
                     "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
@@ -119,3 +123,26 @@ class Mesher:
 
     def _tidyUp(self):
         shutil.rmtree(self._work, ignore_errors=True)
+
+
+def _gmshIsThere():
+    return importlib.util.find_spec("gmsh") is not None
+
+
+def _installGmsh():
+    """Install gmsh if the user agrees, in tests never; whether it is there then. Why pip has failed is in the log."""
+    question = _("A mesh of tetrahedra needs the package gmsh, which is not part of Slicer. Install it now?")
+    if slicer.app.testingEnabled() or not slicer.util.confirmOkCancelDisplay(question):
+        return False
+    try:
+        # Slicer 5.11 and newer.
+        from slicer.packaging import pip_install
+    except ImportError:
+        pip_install = slicer.util.pip_install
+    try:
+        pip_install("gmsh")
+    except (subprocess.CalledProcessError, RuntimeError, OSError):
+        logging.exception("The package gmsh could not be installed")
+        return False
+    importlib.invalidate_caches()
+    return _gmshIsThere()

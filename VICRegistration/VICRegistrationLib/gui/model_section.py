@@ -25,12 +25,10 @@ from ..mrml.points import placingEvents
 from ..multipatch.library import MODELS
 from .binding import Binding
 from .fit_section import focusOnce
-from .form import fitHeight, showRow
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
-from .place_buttons import showPlaceButtons, stopPlacing
 from .runner import End, StepRunner
-from .signals import signalsBlocked
+from .widgets import fitHeight, setUpTable, showPlaceButtons, showRow, signalsBlocked, stopPlacing
 
 _ORGAN, _IN_TABLE = range(2)
 # The mesh, its elements and their quality; the lines after those are about single groups.
@@ -57,9 +55,10 @@ class ModelSection(VTKObservationMixin):
     def __init__(self, ui, onChanged):
         VTKObservationMixin.__init__(self)
         self._ui, self._onChanged = ui, onChanged
-        self._parameters = self._binding = self._volume = self._runner = None
+        self._parameters = self._volume = self._runner = None
         self._organs, self._rows, self._busy, self._landmarks = [], None, False, None
-        self._message, self._fittedVolume = MessageLabel(ui.modelStatusLabel), None
+        self._binding, self._fittedVolume = Binding(), None
+        self._show = MessageLabel(ui.modelStatusLabel).show
         self._written, self._mesher = "", Mesher(self._showMeshText, onChanged)
         self._setUpWidgets()
         ui.modelSection.connect("contentsCollapsed(bool)", self._expanded)
@@ -88,12 +87,11 @@ class ModelSection(VTKObservationMixin):
         """
         self.stopPlacing()
         self.removeObservers()
-        if self._binding is not None:
-            self._binding.release()
-        self._parameters = self._binding = self._landmarks = self._rows = None
+        self._binding.release()
+        self._parameters = self._landmarks = self._rows = None
         if parameterNode is not None:
             self._parameters = GenericModelParameters(parameterNode)
-            self._binding = Binding(self._parameters, {"modelLandmarks": self._ui.modelLandmarksSelector})
+            self._binding.bind(self._parameters, {"modelLandmarks": self._ui.modelLandmarksSelector})
         else:
             self._ui.landmarkPlaceWidget.setCurrentNode(None)
             self.refresh([], None, busy=False)
@@ -155,7 +153,7 @@ class ModelSection(VTKObservationMixin):
         self._meshChosen()
 
     def _setUpWidgets(self):
-        ui, table = self._ui, self._ui.modelOrgansTable
+        ui = self._ui
         for name, text in _modelTexts():
             ui.genericModelCombo.addItem(text, name)
         ui.modelFileEdit.filters = ctk.ctkPathLineEdit.Files | ctk.ctkPathLineEdit.Readable
@@ -164,13 +162,7 @@ class ModelSection(VTKObservationMixin):
         ui.modelFolderEdit.settingKey = "VICRegistration/ModelFolder"
         for suffix, text in (("", _("No mesh")), *meshFormats()):
             ui.modelMeshCombo.addItem(text, suffix)
-        table.setColumnCount(2)
-        table.setHorizontalHeaderLabels([_("Organ of the model"), _("In the image")])
-        table.verticalHeader().setVisible(False)
-        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
-        table.horizontalHeader().setSectionResizeMode(_ORGAN, qt.QHeaderView.ResizeToContents)
-        table.horizontalHeader().setSectionResizeMode(_IN_TABLE, qt.QHeaderView.Stretch)
-        fitHeight(table)
+        setUpTable(ui.modelOrgansTable, [_("Organ of the model"), _("In the image")], wide=_IN_TABLE)
         showPlaceButtons(ui.landmarkPlaceWidget)
         # Without this entry of its menu the button that takes the last place away is not there for such a list.
         ui.landmarkPlaceWidget.unsetAllControlPointsOptionVisible = True
@@ -348,6 +340,3 @@ class ModelSection(VTKObservationMixin):
     def _showMeshText(self, text):
         """Show what the mesher says below the files that were written; of its report the lines about the whole."""
         self._show("\n".join([self._written, *text.split("\n")[:_LINES_OF_MESH]]))
-
-    def _show(self, text):
-        self._message.show(text)

@@ -9,8 +9,7 @@ from slicer.i18n import tr as _
 
 from ..mrml.organ_nodes import isVisible, paint, setVisible
 from ..mrml.organs import PRESETS
-from .form import MOST_ROWS, fitHeight, organRows
-from .signals import signalsBlocked
+from .widgets import MOST_ROWS, fitHeight, organRows, setUpTable, signalsBlocked
 
 _EYE, _COLOR, _NAME, _VOLUME, _STATE = range(5)
 # Square beside the state by the verdict on the surface: a background would not be seen in the row that is selected.
@@ -67,7 +66,7 @@ class OrgansTable:
         self._remove.enabled = current is not None
 
     def leaveRoom(self, rows):
-        """Show fewer rows, so that another list fits under the volume; see :func:`.form.organRows`.
+        """Show fewer rows, so that another list fits under the volume; see :func:`.widgets.organRows`.
 
         Parameters
         ----------
@@ -78,17 +77,10 @@ class OrgansTable:
 
     def _setUpTable(self):
         table = self._table
-        table.setColumnCount(5)
-        table.setHorizontalHeaderLabels(["", "", _("Organ"), _("Volume (ml)"), _("State")])
-        table.verticalHeader().setVisible(False)
+        setUpTable(table, ["", "", _("Organ"), _("Volume (ml)"), _("State")], wide=_NAME)
         table.setSelectionBehavior(qt.QAbstractItemView.SelectRows)
         table.setSelectionMode(qt.QAbstractItemView.SingleSelection)
         table.setEditTriggers(qt.QAbstractItemView.DoubleClicked | qt.QAbstractItemView.EditKeyPressed)
-        header = table.horizontalHeader()
-        for column in (_EYE, _COLOR, _VOLUME, _STATE):
-            header.setSectionResizeMode(column, qt.QHeaderView.ResizeToContents)
-        header.setSectionResizeMode(_NAME, qt.QHeaderView.Stretch)
-        fitHeight(table)
 
     def _fill(self, row, organ):
         node = organ.parameterNode

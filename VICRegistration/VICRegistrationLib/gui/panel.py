@@ -43,7 +43,7 @@ class Panel(VTKObservationMixin):
         VTKObservationMixin.__init__(self)
         self.ui, self.logic = ui, logic
         self.parameters = self.organs = None
-        self._volumeBinding = self._volume = self._organ = None
+        self._volume, self._organ, self._volumeBinding = None, None, Binding()
         # Parameter nodes of new organs that are fitted as soon as they have a region.
         self._toFit = []
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
@@ -63,7 +63,7 @@ class Panel(VTKObservationMixin):
     @property
     def isOpen(self):
         """Whether the panel follows the scene."""
-        return self._volumeBinding is not None
+        return self.parameters is not None
 
     def open(self):
         """Show what the scene holds, and follow it."""
@@ -73,7 +73,7 @@ class Panel(VTKObservationMixin):
         self.organs.adopt()
         if self.parameters.volume is None:
             self.parameters.volume = next(iter(greyVolumes()), None)
-        self._volumeBinding = Binding(self.parameters, {"volume": self.ui.volumeSelector})
+        self._volumeBinding.bind(self.parameters, {"volume": self.ui.volumeSelector})
         self.modelSection.setModule(self.parameters.parameterNode)
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
         self.stacksSection.open(self.organs)
@@ -98,7 +98,7 @@ class Panel(VTKObservationMixin):
         self.advancedSection.setOrgan(None)
         self.stacksSection.close()
         self.table.show(None)
-        self.parameters = self.organs = self._volumeBinding = None
+        self.parameters = self.organs = None
         self.fitSection.refresh(ready=False)
         self.exportSection.show([], None)
         self.ui.addOrganButton.enabled = False

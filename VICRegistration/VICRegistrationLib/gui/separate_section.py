@@ -16,12 +16,9 @@ from ..mrml.organ_nodes import hasSegment, seedsOf, setRegionVisible
 from ..mrml.parameters import RegionSource
 from ..mrml.points import markedPoints, placingEvents
 from ..mrml.separating import canBeSeparated, separateOrgan
-from .binding import Binding
-from .form import showRow
+from .binding import Binding, SegmentChoice
 from .message_label import MessageLabel
-from .place_buttons import showPlaceButtons, stopPlacing
-from .segment_choice import SegmentChoice
-from .signals import signalsBlocked
+from .widgets import showPlaceButtons, showRow, signalsBlocked, stopPlacing
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
 _DELAY_MS = 30
@@ -40,7 +37,8 @@ class SeparateSection(VTKObservationMixin):
     def __init__(self, ui, onSeparated):
         VTKObservationMixin.__init__(self)
         self._ui, self._onSeparated = ui, onSeparated
-        self._organ = self._volume = self._binding = self._settings = self._range = None
+        self._organ = self._volume = self._settings = self._range = None
+        self._binding = Binding()
         self._timer = qt.QTimer()
         self._timer.setSingleShot(True)
         self._timer.setInterval(_DELAY_MS)
@@ -66,7 +64,11 @@ class SeparateSection(VTKObservationMixin):
         organ : OrganParameters or None
         volumeNode : vtkMRMLScalarVolumeNode or None
         """
-        self.release()
+        self._timer.stop()
+        self.removeObservers()
+        self._segment.show(None)
+        self._binding.release()
+        self._organ = self._volume = self._settings = self._range = None
         if organ is None or volumeNode is None:
             self._ui.seedPlaceWidget.setCurrentNode(None)
             self._message.show("")
@@ -74,7 +76,7 @@ class SeparateSection(VTKObservationMixin):
             return
         self._organ, self._volume = organ, volumeNode
         self._settings = self._currentSettings()
-        self._binding = Binding(organ, self._mapping())
+        self._binding.bind(organ, self._mapping())
         seeds = seedsOf(organ, volumeNode)
         for event in placingEvents():
             self.addObserver(seeds, event, self._seedsChanged)
@@ -82,15 +84,6 @@ class SeparateSection(VTKObservationMixin):
         self._ui.seedPlaceWidget.setCurrentNode(seeds)
         self._message.show("" if canBeSeparated(organ) else _("Click inside the organ to place a seed."))
         self.refresh()
-
-    def release(self):
-        """Let go of the organ and its nodes."""
-        self._timer.stop()
-        self.removeObservers()
-        self._segment.show(None)
-        if self._binding is not None:
-            self._binding.release()
-        self._organ = self._volume = self._binding = self._settings = self._range = None
 
     def placeSeed(self):
         """Let the next click into a slice place a seed."""

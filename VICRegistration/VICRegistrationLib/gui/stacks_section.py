@@ -12,8 +12,7 @@ from ..mrml.organ_nodes import volumeOf
 from ..mrml.stack_contours import chooseViews, followStacks
 from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
 from ..mrml.volumes import greyVolumes, isGreyVolume
-from .form import STACK_ROWS, fitHeight, showRow
-from .signals import signalsBlocked
+from .widgets import STACK_ROWS, fitHeight, setUpTable, showRow, signalsBlocked
 
 _NAME, _RESULT, _ALIGN = range(3)
 
@@ -39,7 +38,10 @@ class StacksSection(VTKObservationMixin):
         self._onChanged, self._onCame, self._onMoved = onChanged, onCame, onMoved
         self._organs = self._own = None
         self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
-        self._setUpTable()
+        setUpTable(self._table, ["", "", ""], wide=_NAME)
+        self._table.horizontalHeader().setVisible(False)
+        self._table.setSelectionMode(qt.QAbstractItemView.NoSelection)
+        showRow(False, self._label, self._table)
         # A volume may get its voxels after it has come into the scene.
         self._timer = qt.QTimer()
         self._timer.setSingleShot(True)
@@ -106,19 +108,6 @@ class StacksSection(VTKObservationMixin):
         # Names get the place of buttons that nobody can press.
         self._table.setColumnHidden(_ALIGN, not any(aligning))
         fitHeight(self._table, header=False, least=1, most=STACK_ROWS)
-
-    def _setUpTable(self):
-        table = self._table
-        table.setColumnCount(3)
-        table.verticalHeader().setVisible(False)
-        header = table.horizontalHeader()
-        header.setVisible(False)
-        header.setSectionResizeMode(_NAME, qt.QHeaderView.Stretch)
-        for column in (_RESULT, _ALIGN):
-            header.setSectionResizeMode(column, qt.QHeaderView.ResizeToContents)
-        table.setSelectionMode(qt.QAbstractItemView.NoSelection)
-        table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
-        showRow(False, self._label, table)
 
     def _fill(self, row, node, isTicked):
         """Show a volume; returns whether it can be aligned."""

@@ -1,10 +1,34 @@
-"""How tall tables are, and which rows of a form are there."""
+"""What the sections do with the widgets of the panel: tables, rows of a form, buttons that place points."""
 
 from __future__ import annotations
+
+import contextlib
 
 LEAST_ROWS, MOST_ROWS = 2, 6
 # Rows of the list of further stacks that are seen at once.
 STACK_ROWS = 3
+
+
+def setUpTable(table, titles, *, wide):
+    """Give a table its columns; nothing can be typed into its cells.
+
+    Parameters
+    ----------
+    table : QTableWidget
+    titles : list of str
+    wide : int
+        Column that takes what width is left; the others are as wide as their contents.
+    """
+    import qt
+
+    table.setColumnCount(len(titles))
+    table.setHorizontalHeaderLabels(titles)
+    table.verticalHeader().setVisible(False)
+    table.setEditTriggers(qt.QAbstractItemView.NoEditTriggers)
+    for column in range(len(titles)):
+        mode = qt.QHeaderView.Stretch if column == wide else qt.QHeaderView.ResizeToContents
+        table.horizontalHeader().setSectionResizeMode(column, mode)
+    fitHeight(table)
 
 
 def tableHeight(rows, *, row, header, frame, least=LEAST_ROWS, most=MOST_ROWS):
@@ -68,3 +92,41 @@ def showRow(visible, *widgets):
     """
     for widget in widgets:
         widget.visible = visible
+
+
+@contextlib.contextmanager
+def signalsBlocked(widget):
+    """Let a widget emit no signals meanwhile, so that what it is made to show is not taken for a choice of the user.
+
+    Parameters
+    ----------
+    widget : QWidget
+    """
+    blocked = widget.blockSignals(True)
+    try:
+        yield
+    finally:
+        widget.blockSignals(blocked)
+
+
+def showPlaceButtons(widget):
+    """Show the buttons that place and delete points, and none of the others.
+
+    Parameters
+    ----------
+    widget : qSlicerMarkupsPlaceWidget
+    """
+    widget.buttonsVisible = False
+    widget.placeButton().show()
+    widget.deleteButton().show()
+
+
+def stopPlacing(widget):
+    """Leave the mode in which clicks place points of a widget's list; the mode of another list stays.
+
+    Parameters
+    ----------
+    widget : qSlicerMarkupsPlaceWidget
+    """
+    if widget.placeModeEnabled:
+        widget.setPlaceModeEnabled(False)
