@@ -49,9 +49,11 @@ def test_two_organs_of_one_name_are_told_apart(organs):
 
 
 def test_two_fits_of_one_name_have_nodes_of_their_own(logic):
+    from VICRegistrationLib.mrml.organ_nodes import nodesOf
+
     volume = mrml_scenes.add_volume()
     first, second = (logic.fit(volume, [CENTER], name="bladder") for _again in range(2))
-    assert {node.GetID() for node in first.ownedNodes()}.isdisjoint(node.GetID() for node in second.ownedNodes())
+    assert {node.GetID() for node in nodesOf(first)}.isdisjoint(node.GetID() for node in nodesOf(second))
     assert first.regionSegmentId != second.regionSegmentId
     assert second.surface.GetName() == "bladder 2 surface"
 

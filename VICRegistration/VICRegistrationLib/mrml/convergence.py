@@ -32,24 +32,20 @@ def showConvergence(tableNode, history):
     tableNode.SetAndObserveTable(table)
 
 
-def createPlot(tableNode, name, color):
+def createPlot(name, color):
     """Make a chart of the cost over the iterations, without touching the layout.
 
     Parameters
     ----------
-    tableNode : vtkMRMLTableNode
-        As :func:`showConvergence` fills it; the plot follows it. A series that plots it already is taken.
     name : str
     color : (r, g, b)
 
     Returns
     -------
     vtkMRMLPlotChartNode
-        Its series is given by :func:`seriesOf`.
+        Its one series still needs a table, as :func:`showConvergence` fills it.
     """
-    left = seriesOfTable(tableNode)
-    series = left[0] if left else slicer.mrmlScene.AddNewNodeByClass("vtkMRMLPlotSeriesNode", name)
-    series.SetAndObserveTableNodeID(tableNode.GetID())
+    series = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLPlotSeriesNode", name)
     series.SetXColumnName(ITERATION)
     series.SetYColumnName(COST)
     series.SetPlotType(series.PlotTypeScatter)
@@ -64,30 +60,21 @@ def createPlot(tableNode, name, color):
     return chart
 
 
-def seriesOf(chartNode):
-    """Plot series of a chart.
+def seriesOf(organ):
+    """Plot series of an organ: that of its chart, or one of its table that has outlived its chart.
 
     Parameters
     ----------
-    chartNode : vtkMRMLPlotChartNode
+    organ : OrganParameters
 
     Returns
     -------
     list of vtkMRMLPlotSeriesNode
     """
-    nodes = [chartNode.GetNthPlotSeriesNode(index) for index in range(chartNode.GetNumberOfPlotSeriesNodes())]
-    return [node for node in nodes if node is not None]
-
-
-def seriesOfTable(tableNode):
-    """Plot series of a table, whether a chart shows them or not.
-
-    Parameters
-    ----------
-    tableNode : vtkMRMLTableNode
-
-    Returns
-    -------
-    list of vtkMRMLPlotSeriesNode
-    """
-    return [node for node in slicer.util.getNodesByClass("vtkMRMLPlotSeriesNode") if node.GetTableNode() is tableNode]
+    table, chart = organ.convergence, organ.plot
+    return [
+        node
+        for node in slicer.util.getNodesByClass("vtkMRMLPlotSeriesNode")
+        if (table is not None and node.GetTableNode() is table)
+        or (chart is not None and chart.HasPlotSeriesNodeID(node.GetID()))
+    ]

@@ -38,10 +38,8 @@ def worldSurface(organ):
         raise ValueError(
             _("The organ {name} has no surface yet; one is needed to export. Fit it first.").format(name=organ.label)
         )
-    surface, parent = surfaceFromModel(organ.surface), organ.surface.GetParentTransformNode()
-    if parent is None:
-        return surface
-    matrix = linearRelation(parent, None)
+    surface = surfaceFromModel(organ.surface)
+    matrix = linearRelation(organ.surface.GetParentTransformNode(), None)
     if matrix is None:
         raise ValueError(
             _(

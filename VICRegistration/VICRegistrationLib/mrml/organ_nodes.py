@@ -8,7 +8,7 @@ import slicer
 from slicer.i18n import tr as _
 
 from .colors import updateLegends
-from .convergence import createPlot, seriesOf, seriesOfTable
+from .convergence import createPlot, seriesOf
 from .points import createPoints, paintPoints
 from .regions import TYPE_ATTRIBUTE, addSegment, findRegions, regionsOf
 from .surfaces import createModel
@@ -31,7 +31,7 @@ def paint(organ):
         contour.GetDisplayNode().SetColor(*organ.color)
     if organ.seeds is not None:
         paintPoints(organ.seeds, organ.color)
-    for series in seriesOf(organ.plot) if organ.plot is not None else []:
+    for series in seriesOf(organ):
         series.SetColor(*organ.color)
     if hasSegment(organ):
         addSegment(organ.regions, organ.regionSegmentId, organ.label, organ.color)
@@ -209,17 +209,17 @@ def convergenceOf(organ, volumeNode):
     chartNode : vtkMRMLPlotChartNode
     """
     name = _("{organ} convergence").format(organ=organ.label)
+    series = seriesOf(organ)
     if organ.convergence is None:
         organ.convergence = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTableNode", name)
-    if organ.plot is not None and not seriesOf(organ.plot):
-        slicer.mrmlScene.RemoveNode(organ.plot)
-    if organ.plot is None:
-        organ.plot = createPlot(organ.convergence, name, organ.color)
-    for series in seriesOf(organ.plot):
-        series.SetAndObserveTableNodeID(organ.convergence.GetID())
-        putInFolder(series, organ, volumeNode)
-    putInFolder(organ.plot, organ, volumeNode)
-    putInFolder(organ.convergence, organ, volumeNode)
+    if organ.plot is None or not series:
+        removeNodes([node for node in (organ.plot, *series) if node is not None])
+        organ.plot = createPlot(name, organ.color)
+        series = seriesOf(organ)
+    for one in series:
+        one.SetAndObserveTableNodeID(organ.convergence.GetID())
+    for node in (*series, organ.plot, organ.convergence):
+        putInFolder(node, organ, volumeNode)
     return organ.convergence, organ.plot
 
 
@@ -247,11 +247,8 @@ def nodesOf(organ):
     -------
     list of vtkMRMLNode
     """
-    series = seriesOf(organ.plot) if organ.plot is not None else []
-    if organ.convergence is not None:
-        # A series outlives its chart when somebody deletes that.
-        series += [node for node in seriesOfTable(organ.convergence) if node not in series]
-    return organ.ownedNodes() + series
+    found = [organ.seeds, organ.boundaryPoints, organ.surface, organ.convergence, organ.plot]
+    return [node for node in found if node is not None] + organ.contours() + seriesOf(organ)
 
 
 def removeNodes(nodes):
@@ -326,7 +323,7 @@ def putInFolder(node, organ, volumeNode):
 def _folderOf(hierarchy, organ, volumeNode):
     """Folder of a volume's organs: the one that holds their regions or the organ, or a new one beside the volume."""
     regions = findRegions(volumeNode)
-    for node in [regions, *organ.ownedNodes()]:
+    for node in [regions, *nodesOf(organ)]:
         folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) if node is not None else 0
         if _isFolder(hierarchy, folder):
             return folder

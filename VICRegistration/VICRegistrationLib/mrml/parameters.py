@@ -316,16 +316,6 @@ class OrganParameters:
         """
         return [node for node in self.stackContours if node is not None and node.GetDisplayNode() is not None]
 
-    def ownedNodes(self):
-        """Nodes that go with the organ; the segmentation is shared by all organs.
-
-        Returns
-        -------
-        list of vtkMRMLNode
-        """
-        found = [self.seeds, self.boundaryPoints, self.surface, self.convergence, self.plot, *self.contours()]
-        return [node for node in found if node is not None]
-
 
 @parameterNodeWrapper
 class ModuleParameters:

@@ -9,7 +9,7 @@ from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
 from .surfaces import surfaceIfAny
-from .volumes import transformedPoints
+from .volumes import linearRelation, transformedPoints
 
 # Of the triangles that stand for an exact surface under a transform that bends it, mm.
 _CHORD_ERROR_MM = 0.02
@@ -190,13 +190,8 @@ def _moved(reference, source, target):
     if source is target:
         return reference
     if isinstance(reference, BSplineSurface):
-        matrix = vtk.vtkMatrix4x4()
-        if _isLinear(source, target):
-            slicer.vtkMRMLTransformNode.GetMatrixTransformBetweenNodes(source, target, matrix)
-            return reference.transformed(slicer.util.arrayFromVTKMatrix(matrix))
+        matrix = linearRelation(source, target)
+        if matrix is not None:
+            return reference.transformed(matrix)
         reference = triangulate(reference, chord_error=_CHORD_ERROR_MM)
     return ReferenceMesh(transformedPoints(source, target, reference.points), reference.triangles)
-
-
-def _isLinear(source, target):
-    return all(node is None or node.IsTransformToWorldLinear() for node in (source, target))

@@ -13,6 +13,7 @@ from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
 from .colors import STANDARD_DEVIATION, addNumbers, exchangePolyData
+from .volumes import linearRelation
 
 # Triangles stay this close to the surface, mm.
 _CHORD_ERROR_MM = 0.1
@@ -166,8 +167,6 @@ def surfaceFromModel(modelNode, *, corrected=True):
         )
     uncorrected = not corrected and fields.HasArray(_UNCORRECTED + "control_net")
     surface = surface_in(fields, where, remedy=remedy, role=_UNCORRECTED) if uncorrected else shown
-    if np.array_equal(matrix, np.eye(4)):
-        return surface
     return movedSurface(surface, matrix)
 
 
@@ -199,7 +198,10 @@ def movedSurface(surface, matrix):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface
+        The same one for the identity.
     """
+    if np.array_equal(matrix, np.eye(4)):
+        return surface
     moved = surface.transformed(matrix)
     return moved.turned() if np.linalg.det(matrix[:3, :3]) < 0.0 else moved
 
@@ -240,12 +242,9 @@ def worldVolumeMl(modelNode, surface):
         Millilitres: exact under linear transforms, that of the triangles under others.
     """
     parent = modelNode.GetParentTransformNode()
-    if parent is None:
-        return surface.volume() / 1000.0
-    if parent.IsTransformToWorldLinear():
-        matrix = vtk.vtkMatrix4x4()
-        parent.GetMatrixTransformToWorld(matrix)
-        return surface.volume() * abs(matrix.Determinant()) / 1000.0
+    matrix = linearRelation(parent, None)
+    if matrix is not None:
+        return surface.volume() * abs(np.linalg.det(matrix)) / 1000.0
     toWorld = vtk.vtkGeneralTransform()
     parent.GetTransformToWorld(toWorld)
     moved = vtk.vtkTransformPolyDataFilter()

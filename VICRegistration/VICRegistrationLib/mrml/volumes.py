@@ -166,12 +166,10 @@ def _wasHardened(volumeNode, before, remembered):
     if before is None or before is volumeNode.GetParentTransformNode() or remembered is None:
         return False
     old, new = np.array(remembered.split(), dtype=float).reshape(4, 4), gridOf(volumeNode)
-    if not before.IsTransformToWorldLinear():
-        # The voxels were sampled anew, on another grid.
-        return not np.allclose(new, old)
-    matrix = vtk.vtkMatrix4x4()
-    before.GetMatrixTransformToWorld(matrix)
-    return np.allclose(new, slicer.util.arrayFromVTKMatrix(matrix) @ old, atol=1e-3) and not np.allclose(new, old)
+    matrix = linearRelation(before, None)
+    # Where the transform bends, the voxels were sampled anew, on another grid.
+    moved = matrix is None or np.allclose(new, matrix @ old, atol=1e-3)
+    return moved and not np.allclose(new, old)
 
 
 def gridOf(volumeNode):
