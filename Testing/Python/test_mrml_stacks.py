@@ -81,7 +81,7 @@ def test_a_fit_takes_further_stacks_and_keeps_the_motion(logic, stacks, kept):
         kept.toStack(found[stacks["AX"]], stacks["SAG"], stacks["AX"]) @ [*CENTER, 1], MOTION @ [*CENTER, 1], atol=CLOSE
     )
     assert 0.9 < found[stacks["AX"]].seen <= 1.0
-    assert logic.getParameterNode().furtherStacks == [stacks["AX"], stacks["COR"]]
+    assert list(logic.getParameterNode().furtherStacks) == [stacks["AX"], stacks["COR"]]
 
 
 def test_without_further_stacks_nothing_is_kept(logic, stacks, kept):
@@ -103,7 +103,7 @@ def test_what_is_kept_is_saved_with_the_scene(logic, stacks, kept, scene, tmp_pa
     np.testing.assert_allclose(again.matrix, record.matrix, atol=1e-9)
     (contour,) = loaded.contours()
     np.testing.assert_allclose(slicer.util.arrayFromModelPoints(contour), points, atol=1e-3)
-    assert logic.getParameterNode().furtherStacks == [node]
+    assert list(logic.getParameterNode().furtherStacks) == [node]
     logic.refit(loaded, [CENTER + [18.0, 0.0, 0.0]])
     assert kept.stacksOf(loaded)[node].shift == pytest.approx(SHIFT, abs=CLOSE)
 

@@ -8,7 +8,7 @@ from . import enums
 from .record import argumentTypes, load
 
 # Members that only change looks may be called, and do nothing.
-SILENT = ("set", "resize", "update", "adjustSize", "repaint", "raise", "lower", "activateWindow", "move", "clearFocus")
+SILENT = ("setFixedHeight", "setHorizontalHeaderLabels", "setSectionResizeMode")
 EMPTY = {"bool": False, "int": 0, "double": 0.0, "QString": ""}
 # As PythonQt takes them: no np.float32 and no np.int64; np.float64 is a float.
 ACCEPTED = {"bool": int, "int": int, "double": (int, float), "QString": str}
@@ -60,11 +60,6 @@ class Signal:
         self._owner._disconnect(self._name, None, handler)
         return True
 
-    def emit(self, *arguments):
-        self._owner._emit(self._name, *arguments)
-
-    __call__ = emit
-
 
 class Recorded(metaclass=RecordedType, record=False):
     """An object of a recorded class.
@@ -76,21 +71,18 @@ class Recorded(metaclass=RecordedType, record=False):
     _defaults: dict = {}
 
     def __init__(self, *arguments):
-        self._values, self._dynamic, self._handlers = {}, {}, {}
+        self._values, self._handlers = {}, {}
         self._blocked = self._destroyed = False
         self._objects, self._owner = [], None
         for argument in arguments:
             self._construct(argument)
 
     def _construct(self, argument):
-        """Take an argument of the constructor: a parent, or a text."""
-        if isinstance(argument, Recorded):
-            self._adoptedBy(argument)
-        elif isinstance(argument, str) and "text" in self.record_.properties:
-            self._values["text"] = argument
-        elif argument is not None:
-            msg = f"{type(self).__name__} cannot be made from {argument!r}"
+        """Take an argument of the constructor: the parent."""
+        if not isinstance(argument, Recorded):
+            msg = f"The stand-in of {type(self).__name__} cannot be made from {argument!r}"
             raise TypeError(msg)
+        self._adoptedBy(argument)
 
     # --- properties and members ---
 
@@ -120,7 +112,7 @@ class Recorded(metaclass=RecordedType, record=False):
             return lambda value: self._set(setter, value)
         if getter:
             return lambda: self._get(getter)
-        if name.startswith(SILENT):
+        if name in SILENT:
             return lambda *arguments: None
 
         def refuse(*arguments):
@@ -165,47 +157,15 @@ class Recorded(metaclass=RecordedType, record=False):
             self._emit(self._notify[name], value)
         return changed
 
-    def property(self, name):
-        return self._get(name) if name in self.record_.properties else self._dynamic.get(name)
-
-    def setProperty(self, name, value):
-        if name in self.record_.properties:
-            self._set(name, value)
-            return True
-        self._dynamic[name] = value
-        return False
-
-    def className(self):
-        return type(self).__name__
-
-    def inherits(self, name):
-        return any(cls.__name__ == name for cls in type(self).__mro__)
-
     # --- signals ---
 
-    def connect(self, signature, *target):
-        """Connect a signal to a function, or to a slot given by an object and the slot's signature."""
-        if len(target) == 2:
-            receiver, slot = target
-            if slot not in receiver.record_.slots:
-                raise _unknown(type(receiver), slot)
-            target = (getattr(receiver, slot.partition("(")[0]),)
-        self._connect(self._signal(signature), signature, *target)
-        return True
-
-    def disconnect(self, signature=None, handler=None):
-        if signature is None:
-            self._handlers.clear()
-            return True
-        self._disconnect(self._signal(signature), signature, handler)
+    def connect(self, signature, handler):
+        self._connect(self._signal(signature), signature, handler)
         return True
 
     def blockSignals(self, block):
         was, self._blocked = self._blocked, bool(block)
         return was
-
-    def signalsBlocked(self):
-        return self._blocked
 
     def _signal(self, signature):
         name = signature.partition("(")[0]
@@ -240,25 +200,11 @@ class Recorded(metaclass=RecordedType, record=False):
 
     # --- tree of objects ---
 
-    def parent(self):
-        return self._owner
-
     def children(self):
         return list(self._objects)
 
-    def setParent(self, parent):
-        self._adoptedBy(parent)
-
-    def findChildren(self, cls, name=None):
-        found = []
-        for child in self._objects:
-            if isinstance(child, cls) and name in (None, child.objectName):
-                found.append(child)
-            found += child.findChildren(cls, name)
-        return found
-
-    def findChild(self, cls, name=None):
-        return next(iter(self.findChildren(cls, name)), None)
+    def className(self):
+        return type(self).__name__
 
     def deleteLater(self):
         """Be gone; Slicer waits for the next turn of its event loop with that."""
@@ -274,8 +220,6 @@ class Recorded(metaclass=RecordedType, record=False):
             owner._objects.append(self)
 
     def _destroy(self):
-        if self._destroyed:
-            return
         for child in list(self._objects):
             child._destroy()
         self._emit("destroyed")

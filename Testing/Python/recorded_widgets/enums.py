@@ -34,20 +34,12 @@ NUMBERS["QAbstractItemView"] = NUMBERS["QTableWidget"]
 
 
 class Named(int):
-    """A member of an enum, or an enum itself, through which its members can be reached too."""
+    """A member of an enum."""
 
     def __new__(cls, owner, name, number):
         value = super().__new__(cls, number)
         value.owner, value.name = owner, name
         return value
-
-    def __getattr__(self, name):
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self.owner, name)
-
-    def __repr__(self):
-        return f"{self.owner.__name__}.{self.name}"
 
 
 def member(cls, name, names):

@@ -48,13 +48,6 @@ class EventLoop:
         if self._queue:
             self._round(max(self.now, self._queue[0][0]))
 
-    def wait(self, milliseconds):
-        """Let a given time pass."""
-        end = self.now + milliseconds
-        while self._drop() and self._queue[0][0] <= end:
-            self._round(self._queue[0][0])
-        self.now = end
-
     def waitFor(self, condition):
         """Process events until a condition holds; AssertionError if nothing is left to wait for."""
         while not condition():

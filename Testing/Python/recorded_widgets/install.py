@@ -23,10 +23,10 @@ def install():
     installSlicer()
     import slicer
 
-    from . import ctk_buttons, ctk_paths, processes, scene_widgets, sliders, tables, ui_loader, value_types, widgets
+    from . import ctk_widgets, processes, scene_widgets, sliders, tables, ui_loader, value_types, widgets
 
     classes = {}
-    for module in (widgets, sliders, tables, value_types, ctk_buttons, ctk_paths, processes, scene_widgets):
+    for module in (widgets, sliders, tables, value_types, ctk_widgets, processes, scene_widgets):
         members = {name: cls for name, cls in vars(module).items() if isinstance(cls, base.RecordedType)}
         classes.update({name: cls for name, cls in members.items() if name in record.load()})
     for name, entry in record.load().items():

@@ -17,9 +17,6 @@ class SceneWidget(QWidget, record=False):
         super().__init__(*arguments)
         self._scene, self._tags = None, []
 
-    def mrmlScene(self):
-        return self._scene
-
     def setMRMLScene(self, scene):
         if scene is self._scene:
             return
@@ -82,8 +79,6 @@ class NodeChooser(SceneWidget, record=False):
         return self._node
 
     def setCurrentNode(self, node):
-        if isinstance(node, str):
-            node = self._scene.GetNodeByID(node) if self._scene is not None else None
         if node is not None and not node.IsA("vtkMRMLNode"):
             msg = f"{type(self).__name__}.setCurrentNode takes a node, not {node!r}"
             raise ValueError(msg)
@@ -92,9 +87,6 @@ class NodeChooser(SceneWidget, record=False):
         if node is not self._node:
             self._node = node
             self._chosen()
-
-    def setCurrentNodeID(self, nodeID):
-        self.setCurrentNode(nodeID)
 
     def _nodeGoes(self, node):
         if node is self._node:
@@ -117,10 +109,6 @@ class NodeChooser(SceneWidget, record=False):
 class NodeList(NodeChooser, record=False):
     """What widgets share in which a node is chosen from a list."""
 
-    def _listed(self):
-        """Nodes to choose from."""
-        raise NotImplementedError
-
     def _instead(self, node):
         # As QComboBox: the one that comes to stand in its row, None too, or else the last one.
         rows = [None] * bool(self._get("noneEnabled")) + self._listed()
@@ -130,35 +118,13 @@ class NodeList(NodeChooser, record=False):
 
 
 class qMRMLNodeComboBox(NodeList):
-    """Lists the scene's nodes of some types; ``_choose`` is what a user does."""
+    """Lists the scene's nodes of some types."""
 
     _defaults = {
         **{"enabled": True, "visible": True, "addEnabled": True, "removeEnabled": True, "editEnabled": False},
         **{"showChildNodeTypes": True, "noneDisplay": "None", "selectNodeUponCreation": True},
-        **{"nodeTypes": (), "hideChildNodeTypes": ()},
+        "nodeTypes": (),
     }
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self._attributes = {}
-
-    def addAttribute(self, nodeType, name, value=None):
-        self._attributes[nodeType, name] = value
-
-    def nodeCount(self):
-        return len(self._listed())
-
-    def nodeFromIndex(self, index):
-        listed = self._listed()
-        return listed[index] if 0 <= index < len(listed) else None
-
-    def _choose(self, node):
-        """A user chooses a node that is listed."""
-        if node not in self._listed() and not (node is None and self._get("noneEnabled")):
-            msg = f"{self._get('objectName')} does not list {node and node.GetName()}"
-            raise AssertionError(msg)
-        self.setCurrentNode(node)
-        self._emit("nodeActivated", node)
 
     def _listed(self):
         count = self._scene.GetNumberOfNodes() if self._scene is not None else 0
@@ -169,30 +135,14 @@ class qMRMLNodeComboBox(NodeList):
         exact = not self._get("showChildNodeTypes")
         ofType = any(node.GetClassName() == name if exact else node.IsA(name) for name in names)
         shown = self._get("showHidden") or not node.GetHideFromEditors()
-        hidden = any(node.IsA(name) and not exact for name in self._get("hideChildNodeTypes"))
-        wanted = all(
-            node.GetAttribute(name) is not None if value is None else node.GetAttribute(name) == value
-            for (nodeType, name), value in self._attributes.items()
-            if node.IsA(nodeType)
-        )
-        return ofType and shown and wanted and not hidden
+        return ofType and shown
 
     def _allows(self, node):
         return node is None or (self._scene is not None and self._fits(node))
 
-    def _chosen(self):
-        super()._chosen()
-        self._emit("currentNodeIDChanged", self._get("currentNodeID"))
-
     def _nodeAdded(self, node):
         if self._fits(node):
-            self._emit("nodeAdded", node)
             self._fill()
-
-    def _nodeGoes(self, node):
-        if self._fits(node):
-            self._emit("nodeAboutToBeRemoved", node)
-        super()._nodeGoes(node)
 
     def _sceneChanged(self, nothing):
         super()._sceneChanged(nothing)
@@ -207,27 +157,18 @@ class qMRMLNodeComboBox(NodeList):
         self._fill()
 
     def _set_nodeTypes(self, value):
-        names = (value,) if isinstance(value, str) else tuple(value)
-        for name in names:
+        for name in value:
             if not hasattr(slicer, name):
                 msg = f"'slicer' has no attribute '{name}'"
                 raise AttributeError(msg)
-        self._store("nodeTypes", names)
+        self._store("nodeTypes", tuple(value))
         if not self._allows(self._node):
             self.setCurrentNode(None)
         self._fill()
 
-    def _get_currentNodeID(self):
-        return self._node.GetID() if self._node is not None else ""
-
-    _get_currentNodeId = _get_currentNodeID
-
-    def _set_currentNodeID(self, value):
-        self.setCurrentNode(value)
-
 
 class qMRMLSegmentSelectorWidget(NodeList):
-    """A segmentation and one of its segments; ``_choose`` is what a user does."""
+    """A segmentation and one of its segments."""
 
     _defaults = {"enabled": True, "visible": True, "segmentationNodeSelectorVisible": True}
 
@@ -251,10 +192,6 @@ class qMRMLSegmentSelectorWidget(NodeList):
             self._segment = segmentID or ""
             self._emit("currentSegmentChanged", self._segment)
 
-    def _choose(self, node, segmentID):
-        self.setCurrentNode(node)
-        self.setCurrentSegmentID(segmentID)
-
     def _allows(self, node):
         return node is None or node.IsA("vtkMRMLSegmentationNode")
 
@@ -268,7 +205,7 @@ class qMRMLSegmentSelectorWidget(NodeList):
 
 
 class qSlicerMarkupsPlaceWidget(NodeChooser):
-    """Lets the application place points in its list, a mode that all these widgets share; ``_place`` is a click."""
+    """Lets the application place points in its list, a mode that all these widgets share."""
 
     _defaults = {
         **{"enabled": True, "visible": True, "buttonsVisible": True},
@@ -312,21 +249,6 @@ class qSlicerMarkupsPlaceWidget(NodeChooser):
 
     def selectionNode(self):
         return slicer.app.applicationLogic().GetSelectionNode()
-
-    def _place(self, *position):
-        """A user's click into a slice at a place of the world."""
-        if not self._get("placeModeEnabled"):
-            msg = f"A click places no point: the place mode of {self._get('objectName')} is off"
-            raise AssertionError(msg)
-        node, interaction = self._node, self.interactionNode()
-        status = [node.GetNthControlPointPositionStatus(index) for index in range(node.GetNumberOfControlPoints())]
-        if node.PositionUndefined in status:
-            node.SetNthControlPointPositionWorld(status.index(node.PositionUndefined), *position)
-        else:
-            node.AddControlPointWorld(*position)
-        if not interaction.GetPlaceModePersistence() or node.GetControlPointPlacementComplete():
-            interaction.SetCurrentInteractionMode(interaction.ViewTransform)
-        self._update()
 
     def _chosen(self):
         # As in Slicer the application goes on to place points in the list before.
@@ -403,9 +325,6 @@ class qMRMLPlotView(SceneWidget):
 
     def setMRMLPlotViewNode(self, node):
         self._view = node
-
-    def mrmlPlotViewNode(self):
-        return self._view
 
 
 class qSlicerScriptedLoadableModuleWidget(SceneWidget):

@@ -8,13 +8,9 @@ SHOWN = {"enabled": True, "visible": True}
 
 
 class Numbered(QWidget, record=False):
-    """What spin boxes and sliders share. ``_type`` is what a user does."""
+    """What spin boxes and sliders share."""
 
     _notify = {"value": "valueChanged"}
-
-    def setRange(self, minimum, maximum):
-        self._set("minimum", minimum)
-        self._set("maximum", maximum)
 
     def _set_minimum(self, value):
         self._store("minimum", value)
@@ -32,29 +28,7 @@ class Numbered(QWidget, record=False):
 
     def _set_value(self, value):
         value = min(max(value, self._get("minimum")), self._get("maximum"))
-        if self._store("value", value):
-            self._told(value)
-
-    def _told(self, value):
-        """More signals after valueChanged."""
-
-    def _get_text(self):
-        value, special = self._get("value"), self._get("specialValueText")
-        if special and value == self._get("minimum"):
-            return special
-        return self._get("prefix") + self._get("cleanText") + self._get("suffix")
-
-    def _get_cleanText(self):
-        value = self._get("value")
-        return f"{value:.{self._get('decimals')}f}" if isinstance(value, float) else str(value)
-
-    def _type(self, value):
-        if not self._get("enabled"):
-            msg = f"A user cannot type into {self._get('objectName')}: it is disabled"
-            raise AssertionError(msg)
-        self._set("value", value)
-        if "editingFinished" in self.record_.signals:
-            self._emit("editingFinished")
+        self._store("value", value)
 
 
 class QSpinBox(Numbered):
@@ -120,13 +94,6 @@ class ctkRangeWidget(QWidget):
 
     def _set_maximumValue(self, value):
         self.setValues(min(value, self._get("minimumValue")), value)
-
-    def _type(self, low, high):
-        """What a user's drag does."""
-        if not self._get("enabled"):
-            msg = f"A user cannot drag {self._get('objectName')}: it is disabled"
-            raise AssertionError(msg)
-        self.setValues(low, high)
 
 
 def _checkNumbers(*values):

@@ -43,12 +43,6 @@ class QTableWidgetItem(Recorded):
     def setToolTip(self, text):
         self.setData(3, text)
 
-    def icon(self):
-        return self._data.get(1)
-
-    def setIcon(self, icon):
-        self.setData(1, icon)
-
     def flags(self):
         return self._flags
 
@@ -56,9 +50,6 @@ class QTableWidgetItem(Recorded):
         if int(flags) != self._flags:
             self._flags = int(flags)
             self._changed()
-
-    def tableWidget(self):
-        return self._table
 
     def row(self):
         return self._place()[0]
@@ -87,16 +78,16 @@ class QHeaderView(QWidget):
             super()._construct(argument)
 
     def _get_sizeHint(self):
-        return QSize(100, 24)
+        return QSize(24)
 
 
 class QTableWidget(QWidget):
-    """Rows and columns of items and widgets; ``_click``, ``_edit`` and ``_rename`` are what a user does."""
+    """Rows and columns of items and widgets; ``_edit`` and ``_return`` are what a user does."""
 
     def __init__(self, *arguments):
-        super().__init__(*[a for a in arguments if not isinstance(a, int)])
-        self._rows, self._columns = ([a for a in arguments if isinstance(a, int)] + [0, 0])[:2]
-        self._cells, self._widgets, self._titles = {}, {}, {}
+        super().__init__(*arguments)
+        self._rows = self._columns = 0
+        self._cells, self._widgets = {}, {}
         self._selected, self._current, self._editor = set(), (-1, -1), None
         self._hidden = set()
         self._headers = {"h": QHeaderView(self), "v": QHeaderView(self)}
@@ -106,13 +97,6 @@ class QTableWidget(QWidget):
 
     def verticalHeader(self):
         return self._headers["v"]
-
-    def setHorizontalHeaderLabels(self, labels):
-        for column, label in enumerate(labels):
-            self._titles[column] = QTableWidgetItem(label)
-
-    def horizontalHeaderItem(self, column):
-        return self._titles.get(column)
 
     def item(self, row, column):
         return self._cells.get((row, column))
@@ -139,28 +123,12 @@ class QTableWidget(QWidget):
     def currentColumn(self):
         return self._current[1]
 
-    def currentItem(self):
-        return self.item(*self._current)
-
-    def setCurrentCell(self, row, column, *command):
-        self._go(row, column, select=True)
-
     def selectRow(self, row):
         if 0 <= row < self._rows:
-            self._go(row, 0, select=True)
+            self._go(row, 0)
 
     def clearSelection(self):
         self._select(set())
-
-    def selectedItems(self):
-        return [item for (row, _), item in sorted(self._cells.items()) if row in self._selected]
-
-    def insertRow(self, row):
-        self._shift(row, 1)
-
-    def removeRow(self, row):
-        if 0 <= row < self._rows:
-            self._shift(row, -1)
 
     def setColumnHidden(self, column, hidden):
         (self._hidden.add if hidden else self._hidden.discard)(column)
@@ -168,21 +136,13 @@ class QTableWidget(QWidget):
     def isColumnHidden(self, column):
         return column in self._hidden
 
-    def resizeColumnsToContents(self):
-        """Looks only."""
-
-    def _click(self, row, column=0):
-        """A click selects the row."""
-        self._go(row, column, select=True)
-        self._emit("cellClicked", row, column)
-
     def _edit(self, row, column, text):
         """Double click and type: only if the item may be edited."""
         item = self.item(row, column)
         if not (item.flags() & EDITABLE and item.flags() & ENABLED and self._get("enabled")):
             msg = f"A user cannot edit row {row}, column {column} of {self._get('objectName')}"
             raise AssertionError(msg)
-        self._go(row, column, select=True)
+        self._go(row, column)
         self._editor = [item, text]
 
     def _return(self):
@@ -190,43 +150,24 @@ class QTableWidget(QWidget):
         (item, text), self._editor = self._editor, None
         item.setText(text)
 
-    def _rename(self, row, column, text):
-        """Double click, type, Return."""
-        self._edit(row, column, text)
-        self._return()
-
     def _get_rowCount(self):
         return self._rows
 
     def _set_rowCount(self, value):
-        while self._rows > value:
-            self.removeRow(self._rows - 1)
+        for held in (self._cells, self._widgets):
+            for place in [place for place in held if place[0] >= value]:
+                self._drop(held, place)
         self._rows = value
+        if self._current[0] >= value:
+            # Qt goes on to the last row that is left.
+            self._current = (value - 1, self._current[1] if value else -1)
+            self._select({value - 1} if self._selected and value else set())
 
     def _get_columnCount(self):
         return self._columns
 
     def _set_columnCount(self, value):
         self._columns = value
-        for held in (self._cells, self._widgets):
-            for place in [place for place in held if place[1] >= value]:
-                self._drop(held, place)
-
-    def _shift(self, row, by):
-        """Insert or remove a row; those below move."""
-        for held in (self._cells, self._widgets):
-            if by < 0:
-                for place in [place for place in held if place[0] == row]:
-                    self._drop(held, place)
-            moved = {(r + by if r >= row else r, c): thing for (r, c), thing in held.items()}
-            held.clear()
-            held.update(moved)
-        self._rows += by
-        if by < 0 and self._current[0] >= row:
-            # Qt goes on to the row that is there now, or to the last one.
-            left = min(self._current[0] - (self._current[0] > row), self._rows - 1)
-            self._current = (left, self._current[1] if left >= 0 else -1)
-            self._select({left} if self._selected and left >= 0 else set())
 
     def _drop(self, held, place):
         thing = held.pop(place, None)
@@ -234,16 +175,12 @@ class QTableWidget(QWidget):
             thing._table = None
             thing._destroy()
 
-    def _go(self, row, column, *, select):
+    def _go(self, row, column):
         if self._editor is not None and (row, column) != self._current:
             # Qt takes what was typed so far when another cell becomes the current one.
             self._return()
-        old, self._current = self._current, (row, column)
-        if old != self._current:
-            self._emit("currentCellChanged", row, column, *old)
-            self._emit("currentItemChanged", self.item(row, column), self.item(*old))
-        if select:
-            self._select({row} if row >= 0 else set())
+        self._current = (row, column)
+        self._select({row})
 
     def _select(self, rows):
         if rows != self._selected:
@@ -255,4 +192,3 @@ class QTableWidget(QWidget):
             # Qt shows in the editor what the item holds now.
             self._editor[1] = item.text()
         self._emit("itemChanged", item)
-        self._emit("cellChanged", item.row(), item.column())

@@ -171,11 +171,7 @@ class Loader:
             name = entry.get("name")
             if _isMargin(element.get("class"), name):
                 continue
-            value = self._value(entry[0])
-            if name in target.record_.properties:
-                setattr(target, name, value)
-            else:
-                target.setProperty(name, value)
+            setattr(target, name, self._value(entry[0]))
 
     def _value(self, element):
         plain = {"string": str, "cstring": str, "bool": lambda text: text == "true", "number": int, "double": float}

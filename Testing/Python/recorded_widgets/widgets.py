@@ -6,13 +6,10 @@ from .base import Recorded
 
 
 class QWidget(Recorded):
-    """Seen in a window that was shown unless it, or what it is in, was hidden; enabled likewise."""
+    """Enabled unless it, or what it is in, was disabled."""
 
     _defaults = {"enabled": True, "visible": True}
     _box = None
-
-    def isWidgetType(self):
-        return True
 
     def layout(self):
         return self._box
@@ -30,24 +27,12 @@ class QWidget(Recorded):
 
     close = hide
 
-    def setHidden(self, hidden):
-        self._set("visible", not hidden)
-
     def isHidden(self):
         return not self._values.get("visible", isinstance(self._owner, QWidget))
 
-    def setDisabled(self, disabled):
-        self._set("enabled", not disabled)
-
-    def window(self):
-        return self if self._owner is None else self._owner.window()
-
     def _get_visible(self):
-        owner = self._owner
-        if not isinstance(owner, QWidget):
-            # A window is seen once it is shown; without its main window Slicer shows no panel.
-            return self._values.get("visible", False)
-        return self._values.get("visible", True) and owner._get("visible") and not owner._folded()
+        msg = "without its main window Slicer shows no panel: everything is invisible; use isHidden()"
+        raise NotImplementedError(msg)
 
     def _set_visible(self, value):
         self._values["visible"] = value
@@ -59,31 +44,18 @@ class QWidget(Recorded):
     def _set_enabled(self, value):
         self._values["enabled"] = value
 
-    def _folded(self):
-        """Whether it hides what is in it."""
-        return False
-
     _notify = {"objectName": "objectNameChanged", "windowTitle": "windowTitleChanged"}
 
 
 class Layout(Recorded, record=False):
     """Holds widgets and layouts in order, and puts widgets into the widget it belongs to."""
 
-    def __init__(self, parent=None):
+    def __init__(self):
         super().__init__()
         self._entries = []
-        if parent is not None:
-            parent.setLayout(self)
 
     def addWidget(self, widget, *place):
         self._add(widget)
-
-    def addRow(self, *entries):
-        for entry in entries:
-            self._add(entry)
-
-    def addStretch(self, stretch=0):
-        self._entries.append(None)
 
     def count(self):
         return len(self._entries)
@@ -94,8 +66,8 @@ class Layout(Recorded, record=False):
     def removeItem(self, item):
         self._entries.remove(item)
 
-    def _add(self, entry, index=None):
-        self._entries.insert(len(self._entries) if index is None else index, entry)
+    def _add(self, entry):
+        self._entries.append(entry)
         widget = self._widget()
         if isinstance(entry, Layout):
             entry._adoptedBy(self)
@@ -129,51 +101,30 @@ class QFormLayout(Layout):
 class QLabel(QWidget):
     """Text."""
 
-    def clear(self):
-        self._set("text", "")
-
 
 class QLineEdit(QWidget):
-    """Text that can be typed; ``_type`` is what a user does."""
+    """Text that can be typed."""
 
     _notify = {"text": "textChanged"}
 
-    def clear(self):
-        self._set("text", "")
 
-    def _type(self, text):
-        if self._store("text", text):
-            self._emit("textEdited", text)
-        self._emit("editingFinished")
-
-
-class Checkable(Recorded, record=False):
-    """What buttons and actions share: text, and being on or off."""
+class Button(QWidget, record=False):
+    """What all buttons share: text, and being on or off."""
 
     _notify = {"checked": "toggled"}
-
-    def toggle(self):
-        if self._get("checkable"):
-            self._set("checked", not self._get("checked"))
-
-    def _set_checked(self, value):
-        if self._get("checkable"):
-            self._store("checked", value)
-
-
-class Button(Checkable, QWidget, record=False):
-    """What all buttons share."""
 
     def click(self):
         """What a user's click does: nothing on a button that is disabled."""
         if self._get("enabled"):
             self._emit("pressed")
-            self._nextState()
+            if self._get("checkable"):
+                self._set("checked", not self._get("checked"))
             self._emit("released")
             self._emit("clicked", self._get("checked"))
 
-    def _nextState(self):
-        self.toggle()
+    def _set_checked(self, value):
+        if self._get("checkable"):
+            self._store("checked", value)
 
 
 class QPushButton(Button):
@@ -192,16 +143,13 @@ class QCheckBox(Button):
     def checkState(self):
         return 2 * self._get("checked")
 
-    def setCheckState(self, state):
-        self._set("checked", int(state) == 2)
-
     def _set_checked(self, value):
         if self._store("checked", value):
             self._emit("stateChanged", self.checkState())
 
 
 class QComboBox(QWidget):
-    """Items of which one is current; ``_choose`` is what a user does."""
+    """Items of which one is current."""
 
     def __init__(self, *arguments):
         super().__init__(*arguments)
@@ -214,10 +162,6 @@ class QComboBox(QWidget):
         if self._index < 0:
             self._goTo(0)
 
-    def addItems(self, texts):
-        for text in texts:
-            self.addItem(text)
-
     def clear(self):
         self._items.clear()
         self._goTo(-1)
@@ -228,25 +172,11 @@ class QComboBox(QWidget):
     def itemData(self, index, role=256):
         return self._items[index][1] if 0 <= index < len(self._items) else None
 
-    def setItemData(self, index, data, role=256):
-        if int(role) == 256:
-            self._items[index][1] = data
-
     def findText(self, text):
         return next((index for index, item in enumerate(self._items) if item[0] == text), -1)
 
     def findData(self, data):
         return next((index for index, item in enumerate(self._items) if item[1] == data), -1)
-
-    def setCurrentText(self, text):
-        self._set("currentText", text)
-
-    def _choose(self, index):
-        if not self._get("enabled"):
-            msg = f"A user cannot choose in {self._get('objectName')}: it is disabled"
-            raise AssertionError(msg)
-        self._goTo(index)
-        self._emit("activated", index, QString=self.itemText(index))
 
     def _goTo(self, index):
         index = index if -1 <= index < len(self._items) else -1
@@ -271,19 +201,12 @@ class QComboBox(QWidget):
         if self.findText(value) >= 0:
             self._goTo(self.findText(value))
 
-    def _get_currentData(self):
-        return self.itemData(self._index)
-
 
 class QProgressBar(QWidget):
     """How far something has come; a value out of its range is ignored."""
 
     _defaults = {"enabled": True, "visible": True, "maximum": 100, "value": -1, "textVisible": True}
     _notify = {"value": "valueChanged"}
-
-    def setRange(self, minimum, maximum):
-        self._set("minimum", minimum)
-        self._set("maximum", maximum)
 
     def _set_value(self, value):
         low, high = self._get("minimum"), self._get("maximum")

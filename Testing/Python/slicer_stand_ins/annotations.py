@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 
 class Default:
-    """Annotation: the value a parameter has before it is set; generator, if given, is called for each one."""
+    """Annotation: the value a parameter has before it is set."""
 
-    def __init__(self, value=None, *, generator=None):
-        self.given, self.generator = value, generator
-
-    @property
-    def value(self):
-        return self.generator() if self.generator else self.given
+    def __init__(self, value):
+        self.value = value
 
 
-class Validator:
-    """Annotation: refuses values with a ValueError."""
+class WithinRange:
+    """Annotation: the smallest and the largest value; others are refused with a ValueError."""
 
-    def __init__(self, *bounds):
-        self.bounds = bounds
+    def __init__(self, minimum, maximum):
+        self.minimum, self.maximum = minimum, maximum
 
     def validate(self, value):
         if not self.allows(value):
-            msg = f"The value is {value}; {type(self).__name__}{self.bounds} is needed"
+            msg = f"The value is {value}; {type(self).__name__}{self.minimum, self.maximum} is needed"
             raise ValueError(msg)
-
-
-class WithinRange(Validator):
-    """Annotation: the smallest and the largest value."""
-
-    def __init__(self, minimum, maximum):
-        super().__init__(minimum, maximum)
-        self.minimum, self.maximum = minimum, maximum
 
     def allows(self, value):
         return self.minimum <= value <= self.maximum
@@ -45,42 +35,18 @@ class RangeBounds(WithinRange):
         return self.minimum <= value.minimum or value.maximum > self.maximum
 
 
+@dataclass(frozen=True)
 class FloatRange:
-    """Two numbers, the first not above the second."""
+    """Two numbers, the first not above the second. Slicer's can be changed in place too, which this module does not."""
 
-    def __init__(self, minimum=0, maximum=0):
-        self.setRange(minimum, maximum)
+    minimum: float = 0
+    maximum: float = 0
 
-    def setRange(self, minimum, maximum):
-        for value in (minimum, maximum):
+    def __post_init__(self):
+        for value in (self.minimum, self.maximum):
             if not isinstance(value, (int, float)):
                 msg = f"The value must be a float, is of type {type(value)}: {value}"
                 raise (ValueError if value is None else TypeError)(msg)
-        if not minimum <= maximum:
-            msg = f"FloatRange must have minimum <= maximum: {minimum} <= {maximum}"
+        if not self.minimum <= self.maximum:
+            msg = f"FloatRange must have minimum <= maximum: {self.minimum} <= {self.maximum}"
             raise ValueError(msg)
-        # One end after the other, which gives two events as in Slicer.
-        for name, value in (("_minimum", minimum), ("_maximum", maximum)):
-            if self.__dict__.get(name) != value:
-                setattr(self, name, value)
-                self._save()
-
-    minimum = property(lambda self: self._minimum, lambda self, value: self.setRange(value, self._maximum))
-    maximum = property(lambda self: self._maximum, lambda self, value: self.setRange(self._minimum, value))
-
-    def __eq__(self, other):
-        return isinstance(other, FloatRange) and (self.minimum, self.maximum) == (other.minimum, other.maximum)
-
-    __hash__ = None
-
-    def __repr__(self):
-        return f"FloatRange(minimum={self.minimum}, maximum={self.maximum})"
-
-    def __setattr__(self, name, value):
-        if name not in ("minimum", "maximum") and not name.startswith("_"):
-            msg = f"'FloatRange' has no attribute '{name}'"
-            raise AttributeError(msg)
-        super().__setattr__(name, value)
-
-    def _save(self):
-        """A range read from a node writes itself back; one made by hand has nowhere to."""

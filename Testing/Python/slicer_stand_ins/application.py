@@ -18,7 +18,7 @@ class Application:
     def __init__(self, mrml):
         self._mrml, self._manager, self._files = mrml, ModuleManager(), SceneFiles(mrml)
         self._handlers = {"startupCompleted()": [], "aboutToQuit()": []}
-        self._cursors, self._clipboard = [], Clipboard()
+        self._clipboard = Clipboard()
         self.temporaryPath = str(mrml.temporary)
         self.eventLoop = None
 
@@ -42,9 +42,6 @@ class Application:
     def applicationLogic(self):
         return self._mrml.application
 
-    def mrmlScene(self):
-        return self._mrml.scene
-
     def moduleManager(self):
         return self._manager
 
@@ -53,9 +50,6 @@ class Application:
 
     def layoutManager(self):
         return None
-
-    def topLevelWidgets(self):
-        return []
 
     def testingEnabled(self):
         return True
@@ -71,12 +65,6 @@ class Application:
 
     def resumeRender(self):
         """There are no views to start."""
-
-    def setOverrideCursor(self, cursor):
-        self._cursors.append(cursor)
-
-    def restoreOverrideCursor(self):
-        self._cursors.pop()
 
 
 class Clipboard:
@@ -201,22 +189,6 @@ class ScriptedModule:
             self._widget.setMRMLScene(slicer.mrmlScene)
             self._widget.reload()
         return self._widget
-
-    def enter(self):
-        """Show the module, as its choice in Slicer's list does; returns its widget."""
-        widget = self.widgetRepresentation()
-        widget.isEntered = True
-        widget.self().enter()
-        return widget.self()
-
-    def exit(self):
-        """Go to another module."""
-        self._widget.self().exit()
-        self._widget.isEntered = False
-
-    def logic(self):
-        msg = "The logic of a scripted module is a plain vtk object; use slicer.util.getModuleLogic"
-        raise NotImplementedError(msg)
 
     def unload(self):
         """Let the widget clean up, as on reload and at the end of Slicer."""

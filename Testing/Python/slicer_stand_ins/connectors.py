@@ -7,7 +7,7 @@ import typing
 
 import slicer
 
-from .annotations import Default, FloatRange, RangeBounds, WithinRange
+from .annotations import WithinRange
 from .serializers import split
 
 
@@ -46,12 +46,6 @@ class CheckBox(Connector):
     """bool in a check box."""
 
     signal, property = "stateChanged", "checked"
-
-
-class LineEdit(Connector):
-    """str in a line edit."""
-
-    signal, property = "textChanged", "text"
 
 
 class WholeNumber(Connector):
@@ -96,28 +90,6 @@ class EnumChoices(Connector):
         self.widget.currentIndex = self.values.index(value)
 
 
-class RangeEnds(Connector):
-    """FloatRange in a range widget."""
-
-    signal = "valuesChanged"
-
-    def prepare(self):
-        bounds = self.annotation(RangeBounds)
-        if bounds is None:
-            msg = "Cannot have a connection to a range widget where the float is unbounded. Add RangeBounds."
-            raise RuntimeError(msg)
-        if self.annotation(Default) is None:
-            # What Slicer says without a Default inside of Annotated; it means to validate a range here.
-            bounds.validate(0)
-        self.widget.setRange(bounds.minimum, bounds.maximum)
-
-    def read(self):
-        return FloatRange(self.widget.minimumValue, self.widget.maximumValue)
-
-    def write(self, value):
-        self.widget.setValues(value.minimum, value.maximum)
-
-
 class NodeChoice(Connector):
     """A node in a node selector."""
 
@@ -137,8 +109,6 @@ class NodeChoice(Connector):
 CONNECTORS = {
     (bool, "QCheckBox"): CheckBox,
     (int, "QSpinBox"): WholeNumber,
-    (str, "QLineEdit"): LineEdit,
-    (FloatRange, "ctkRangeWidget"): RangeEnds,
 }
 for _name in ("QDoubleSpinBox", "ctkSliderWidget"):
     CONNECTORS[float, _name] = RealNumber

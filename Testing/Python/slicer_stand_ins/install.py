@@ -22,11 +22,10 @@ def install():
     mrml = mrml_boot.boot()
     import slicer
 
-    from . import annotations, application, connectors, scripted, wrapper
+    from . import annotations, application, scripted, wrapper
 
     _forgetUtilities(slicer)
     slicer.app = application.Application(mrml)
-    slicer.selfTests = {}
     modules = {name: application.CoreModule(name, logic) for name, logic in mrml.logics.items()}
     slicer.modules = SimpleNamespace(sampleDataSources={}, **modules)
     _module("slicer.i18n", tr=scripted.tr, translate=scripted.translate, getContext=scripted.getContext)
@@ -37,8 +36,6 @@ def install():
         "slicer.parameterNodeWrapper",
         **{name: getattr(annotations, name) for name in names},
         parameterNodeWrapper=wrapper.parameterNodeWrapper,
-        isParameterNodeWrapper=wrapper.isParameterNodeWrapper,
-        createGuiConnector=connectors.connectorFor,
     )
     _module("SampleData", SampleDataLogic=application.SampleDataLogic)
     # Empty, so that using a widget fails; recorded_widgets fills them.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import logging
 import unittest
 from pathlib import Path
@@ -34,19 +33,6 @@ class ScriptedLoadableModule:
         self.moduleName = type(self).__name__
         parent.title, parent.categories, parent.dependencies, parent.contributors = "", [], [], []
         parent.helpText = parent.acknowledgementText = ""
-        slicer.selfTests[self.moduleName] = self.runTest
-
-    def resourcePath(self, filename):
-        return str(Path(self.parent.path).parent / "Resources" / filename)
-
-    def getDefaultModuleDocumentationLink(self, docPage=None):
-        return ""
-
-    def runTest(self, msec=100, **kwargs):
-        python = importlib.import_module(type(self).__module__)
-        test = getattr(python, f"{self.moduleName}Test")()
-        test.messageDelay = msec
-        test.runTest(**kwargs)
 
 
 class ScriptedLoadableModuleWidget:
@@ -54,19 +40,9 @@ class ScriptedLoadableModuleWidget:
 
     developerMode = False
 
-    def __init__(self, parent=None):
-        import qt
-
+    def __init__(self, parent):
         self.moduleName = type(self).__name__.removesuffix("Widget")
-        self.parent = parent
-        if parent is None:
-            self.parent = slicer.qMRMLWidget()
-            self.parent.setLayout(qt.QVBoxLayout())
-            self.parent.setMRMLScene(slicer.mrmlScene)
-        self.layout = self.parent.layout()
-        if parent is None:
-            self.setup()
-            self.parent.show()
+        self.parent, self.layout = parent, parent.layout()
         slicer.app.moduleManager().connect("moduleAboutToBeUnloaded(QString)", self._onModuleAboutToBeUnloaded)
 
     def resourcePath(self, filename):
@@ -93,11 +69,8 @@ class ScriptedLoadableModuleLogic:
 
     def __init__(self, parent=None):
         self.moduleName = type(self).__name__.removesuffix("Logic")
-        self.isSingletonParameterNode = True
 
     def getParameterNode(self):
-        if not self.isSingletonParameterNode:
-            return next(iter(self.getAllParameterNodes()), None) or slicer.mrmlScene.AddNode(self.createParameterNode())
         node = slicer.mrmlScene.GetSingletonNode(self.moduleName, "vtkMRMLScriptedModuleNode")
         if node is None:
             return slicer.mrmlScene.AddNode(self.createParameterNode())
@@ -105,15 +78,10 @@ class ScriptedLoadableModuleLogic:
         node.SetAttribute("ModuleName", self.moduleName)
         return node
 
-    def getAllParameterNodes(self):
-        nodes = slicer.util.getNodesByClass("vtkMRMLScriptedModuleNode")
-        return [node for node in nodes if node.GetAttribute("ModuleName") == self.moduleName]
-
     def createParameterNode(self):
         node = slicer.mrmlScene.CreateNodeByClass("vtkMRMLScriptedModuleNode")
         node.UnRegister(None)
-        if self.isSingletonParameterNode:
-            node.SetSingletonTag(self.moduleName)
+        node.SetSingletonTag(self.moduleName)
         node.SetAttribute("ModuleName", self.moduleName)
         node.SetName(slicer.mrmlScene.GenerateUniqueName(self.moduleName))
         return node
@@ -121,12 +89,6 @@ class ScriptedLoadableModuleLogic:
 
 class ScriptedLoadableModuleTest(unittest.TestCase):
     """Base of a module's self test."""
-
-    def runTest(self):
-        for name in [name for name in dir(self) if name.startswith("test")]:
-            self.setUp()
-            getattr(self, name)()
-            self.tearDown()
 
     def delayDisplay(self, message, requestedDelay=None, msec=None):
         """Tell the tester what happens; nobody waits here."""

@@ -1,18 +1,17 @@
-"""Stand-ins of ctk's buttons."""
+"""Stand-ins of ctk's buttons, and of its line for a path."""
 
 from __future__ import annotations
 
+import re
+
 from .value_types import QColor
-from .widgets import Button
+from .widgets import Button, QWidget
 
 
 class ctkCollapsibleButton(Button):
     """A section that hides what is in it while it is collapsed; it is checked while it is not."""
 
     _defaults = {"enabled": True, "visible": True, "checkable": True, "checked": True}
-
-    def _folded(self):
-        return self._get("collapsed")
 
     def _get_collapsed(self):
         return not self._get("checked")
@@ -26,9 +25,9 @@ class ctkCollapsibleButton(Button):
 
 
 class ctkColorPickerButton(Button):
-    """A button that shows a colour; ``_choose`` is what a user does."""
+    """A button that shows a colour."""
 
-    _defaults = {"enabled": True, "visible": True, "displayColorName": True, "color": QColor(0, 0, 0)}
+    _defaults = {"enabled": True, "visible": True, "displayColorName": True, "color": QColor()}
     _notify = {"checked": "toggled", "color": "colorChanged"}
 
     def _set_color(self, value):
@@ -37,5 +36,19 @@ class ctkColorPickerButton(Button):
             raise AttributeError(msg)
         self._store("color", QColor(value))
 
-    def _choose(self, color):
-        self._set("color", color)
+
+class ctkPathLineEdit(QWidget):
+    """Holds a path, and says so if it fits the name filters."""
+
+    Dirs, Drives, Files, NoDotAndDotDot, AllEntries, Readable, Writable = 1, 2, 4, 24576, 7, 16, 32
+
+    def _set_currentPath(self, value):
+        if self._store("currentPath", value) and self._isAcceptable(value):
+            self._emit("currentPathChanged", value)
+
+    def _isAcceptable(self, path):
+        endings = re.findall(r"\*(\.\w+)", " ".join(self._get("nameFilters") or ()))
+        return path.endswith(tuple(endings)) if endings else bool(path)
+
+    def addCurrentPathToHistory(self):
+        """Kept by Slicer's settings only."""
