@@ -1,115 +1,51 @@
-"""Builds widgets from a .ui file, and refuses what Qt would only pass over in silence."""
+"""Builds widgets from a .ui file; what Slicer does not have is an error, where Qt would pass over it in silence."""
 
 from __future__ import annotations
 
 import functools
 import operator
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 from . import enums
-from .record import argumentTypes, load
 
 
 @dataclass(frozen=True)
 class UiFile:
     """What a .ui file says, without building it.
 
-    widgets is {name: class}, properties is [(widget's name, class, property's name, element)], connections is
-    [(sender, signal, receiver, slot)].
+    widgets and layouts are {name: class}, properties is [(name of widget or layout, name of property, element)],
+    connections is [(sender, signal, receiver, slot)], customs is {class: header}.
     """
 
     root: ElementTree.Element
-    widgets: dict = field(default_factory=dict)
-    layouts: dict = field(default_factory=dict)
-    properties: list = field(default_factory=list)
-    connections: list = field(default_factory=list)
-    customs: dict = field(default_factory=dict)
+    widgets: dict
+    layouts: dict
+    properties: list
+    connections: list
+    customs: dict
 
 
 def readUi(path):
-    """Read a .ui file.
-
-    Raises
-    ------
-    RuntimeError
-        If it is not there or is no XML, as in Slicer.
-    ValueError
-        If two widgets have the same name, or one has none.
-    """
-    if not Path(path).is_file():
-        msg = f"Could not load UI file: file not found {path}"
-        raise RuntimeError(msg)
-    try:
-        tree = ElementTree.parse(path)
-    except ElementTree.ParseError as error:
-        msg = f"Could not load UI file: {path}"
-        raise RuntimeError(msg) from error
-    ui = UiFile(tree.getroot())
-    for element in ui.root.iter("widget"):
-        _note(ui.widgets, element, ui)
-    for element in ui.root.iter("layout"):
-        _note(ui.layouts, element, ui)
-    for element in ui.root.iter("connection"):
-        ui.connections.append(tuple(element.findtext(tag) for tag in ("sender", "signal", "receiver", "slot")))
-    for element in ui.root.iter("customwidget"):
-        ui.customs[element.findtext("class")] = element.findtext("header")
-    return ui
-
-
-def _note(names, element, ui):
-    name = element.get("name")
-    if not name or name in names:
-        msg = f"The name {name!r} of a {element.get('class')} is missing or is there twice"
+    """Read a .ui file; a ValueError if two widgets or layouts have the same name, or one has none."""
+    root = ElementTree.parse(path).getroot()
+    named = [*root.iter("widget"), *root.iter("layout")]
+    names = [element.get("name") for element in named]
+    twice = [name for name in names if names.count(name) > 1 or not name]
+    if twice:
+        msg = f"The names {twice} of widgets are missing or are there twice"
         raise ValueError(msg)
-    names[name] = element.get("class")
-    for child in element.findall("property"):
-        ui.properties.append((name, element.get("class"), child.get("name"), child))
-
-
-def problems(ui):
-    """What a .ui file asks for and Slicer does not have.
-
-    Returns
-    -------
-    list of str
-    """
-    record, found = load(), []
-    for name, cls in ui.widgets.items():
-        if cls not in record:
-            found.append(f"{name}: there is no class {cls}")
-        elif record[cls].module != "qt" and cls not in ui.customs:
-            found.append(f"{name}: class {cls} has no customwidget entry")
-    for name, cls, member, element in ui.properties:
-        dynamic = element.get("stdset") == "0"
-        if cls in record and member not in record[cls].properties and not dynamic and not _isMargin(cls, member):
-            found.append(f"{name}: {cls} has no property {member}")
-    for sender, signal, receiver, slot in ui.connections:
-        found += _connectionProblems(ui, record, sender, signal, receiver, slot)
-    return found
-
-
-def _connectionProblems(ui, record, sender, signal, receiver, slot):
-    missing = [name for name in (sender, receiver) if name not in ui.widgets]
-    if missing:
-        return [f"connection: there is no widget {name}" for name in missing]
-    sends, receives = record.get(ui.widgets[sender]), record.get(ui.widgets[receiver])
-    found = []
-    if sends and signal not in sends.signals.get(signal.partition("(")[0], ()):
-        found.append(f"connection: {sends.name} has no signal {signal}")
-    if receives and slot not in receives.slots | {f"{name}()" for name in ("show", "hide")}:
-        bool_slots = {f"set{name[0].upper()}{name[1:]}(bool)" for name in ("enabled", "visible", "hidden", "disabled")}
-        if slot not in bool_slots:
-            found.append(f"connection: {receives.name} has no slot {slot}")
-    if argumentTypes(slot) != argumentTypes(signal)[: len(argumentTypes(slot))]:
-        found.append(f"connection: {signal} does not fit to {slot}")
-    return found
-
-
-def _isMargin(cls, name):
-    """Margins and spacings of layouts are made from these by the form loader, they are no properties."""
-    return cls.endswith("Layout") and name in ("leftMargin", "rightMargin", "topMargin", "bottomMargin")
+    return UiFile(
+        root,
+        {element.get("name"): element.get("class") for element in root.iter("widget")},
+        {element.get("name"): element.get("class") for element in root.iter("layout")},
+        [(each.get("name"), child.get("name"), child) for each in named for child in each.findall("property")],
+        [
+            tuple(element.findtext(tag) for tag in ("sender", "signal", "receiver", "slot"))
+            for element in root.iter("connection")
+        ],
+        {element.findtext("class"): element.findtext("header") for element in root.iter("customwidget")},
+    )
 
 
 class Loader:
@@ -119,20 +55,8 @@ class Loader:
         self._classes, self._named = classes, {}
 
     def load(self, path):
-        """Build the widgets of a .ui file.
-
-        Raises
-        ------
-        RuntimeError
-            If it cannot be read.
-        ValueError
-            If it asks for something that is not there.
-        """
+        """Build the widgets of a .ui file; a KeyError or an AttributeError if it asks for what is not there."""
         ui = readUi(path)
-        found = problems(ui)
-        if found:
-            msg = f"{Path(path).name}: " + "; ".join(found)
-            raise ValueError(msg)
         widget = self._widget(ui.root.find("widget"), None)
         for sender, signal, receiver, slot in ui.connections:
             handler = getattr(self._named[receiver], slot.partition("(")[0])
@@ -169,9 +93,9 @@ class Loader:
     def _properties(self, element, target):
         for entry in element.findall("property"):
             name = entry.get("name")
-            if _isMargin(element.get("class"), name):
-                continue
-            setattr(target, name, self._value(entry[0]))
+            # Margins of layouts are no properties.
+            if not name.endswith("Margin"):
+                setattr(target, name, self._value(entry[0]))
 
     def _value(self, element):
         plain = {"string": str, "cstring": str, "bool": lambda text: text == "true", "number": int, "double": float}
