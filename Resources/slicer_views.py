@@ -12,9 +12,10 @@ import sys
 from ctypes.util import find_library
 
 import numpy as np
+import SimpleITK
 import slicer
 import vtk
-from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtk.util.numpy_support import vtk_to_numpy
 
 # Name, orientation, axis of the offset, colour of the bar, and what lies to the right of and above the picture.
 SLICES = {
@@ -326,12 +327,4 @@ def write_png(picture, path):
         Top row first.
     path : path
     """
-    height, width = picture.shape[:2]
-    image = vtk.vtkImageData()
-    image.SetDimensions(width, height, 1)
-    pixels = np.ascontiguousarray(picture[::-1]).reshape(-1, 3)
-    image.GetPointData().SetScalars(numpy_to_vtk(pixels, deep=True, array_type=vtk.VTK_UNSIGNED_CHAR))
-    writer = vtk.vtkPNGWriter()
-    writer.SetFileName(str(path))
-    writer.SetInputData(image)
-    writer.Write()
+    SimpleITK.WriteImage(SimpleITK.GetImageFromArray(picture, isVector=True), str(path))

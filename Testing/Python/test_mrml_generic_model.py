@@ -74,7 +74,7 @@ def chosen(slicer_module):
 
 def run_until(steps, words):
     """Run a fit until a step says these words."""
-    while words not in next(steps).words:
+    while words not in next(steps):
         pass
 
 

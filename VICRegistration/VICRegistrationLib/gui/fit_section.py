@@ -9,7 +9,7 @@ from ..mrml.fitting import fitSteps, refitSteps
 from ..mrml.organ_nodes import setRegionVisible
 from ..mrml.surfaces import moveSurface
 from .message_label import MessageLabel
-from .runner import End, StepRunner
+from .runner import StepRunner
 
 # Attribute of a volume whose first surface the 3D views have been focused on.
 _FOCUSED = "VIC.focused"
@@ -150,19 +150,14 @@ class FitSection:
             )
         )
 
-    def _ended(self, end, value):
+    def _ended(self, problem):
         organ, self._organ, self._runner = self._organ, None, None
-        self._showProgress(100 if end is End.DONE else 0)
-        if end is End.DONE:
+        self._showProgress(0 if problem else 100)
+        if not problem:
             # A fit that is done at once has had no step to look at.
             focusOnce(self._volume)
         there = organ.parameterNode.GetScene() is not None
-        text = {
-            End.DONE: lambda: f"{organ.label}: {organ.message}",
-            End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
-            End.FAILED: lambda: f"{organ.label}: {value}" if there else str(value),
-        }[end]()
-        self._message.show(text)
+        self._message.show(f"{organ.label}: {problem or organ.message}" if there else problem)
         self._plot(organ if there else None)
         self._next()
 

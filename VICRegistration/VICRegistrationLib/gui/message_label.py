@@ -24,11 +24,6 @@ class MessageLabel:
         self._toolTip = label.toolTip
         label.connect("linkActivated(QString)", self._linkClicked)
 
-    @property
-    def text(self):
-        """The whole message."""
-        return self._text
-
     def show(self, text):
         """Show a message.
 

@@ -27,7 +27,7 @@ from .binding import Binding
 from .fit_section import focusOnce
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
-from .runner import End, StepRunner
+from .runner import StepRunner
 from .widgets import fitHeight, setUpTable, showPlaceButtons, showRow, signalsBlocked, stopPlacing
 
 _ORGAN, _IN_TABLE = range(2)
@@ -56,7 +56,7 @@ class ModelSection(VTKObservationMixin):
         VTKObservationMixin.__init__(self)
         self._ui, self._onChanged = ui, onChanged
         self._parameters = self._volume = self._runner = None
-        self._organs, self._rows, self._busy, self._landmarks = [], None, False, None
+        self._organs, self._rows, self._landmarks = [], None, None
         self._binding, self._fittedVolume = Binding(), None
         self._show = MessageLabel(ui.modelStatusLabel).show
         self._written, self._mesher = "", Mesher(self._showMeshText, onChanged)
@@ -133,7 +133,7 @@ class ModelSection(VTKObservationMixin):
             Whether an organ is being fitted.
         """
         ui, changed = self._ui, volumeNode is not self._volume
-        self._organs, self._volume, self._busy = organs, volumeNode, busy
+        self._organs, self._volume = organs, volumeNode
         ready = self._parameters is not None and volumeNode is not None
         ui.modelSection.enabled = ready
         ui.fitModelButton.enabled = ready and not busy and not self.running
@@ -286,22 +286,15 @@ class ModelSection(VTKObservationMixin):
         self.stopPlacing()
         self._fittedVolume = self._volume
         self._show(_("Fitting the model ..."))
-        self._runner = StepRunner(modelSteps(self._parameters, self._organs, self._volume), self._stepped, self._ended)
+        self._runner = StepRunner(modelSteps(self._parameters, self._organs, self._volume), self._show, self._ended)
         self._onChanged()
 
-    def _stepped(self, step):
-        self._show(step.words)
-
-    def _ended(self, end, value):
+    def _ended(self, problem):
         self._runner, volumeNode = None, self._fittedVolume
         self._fittedVolume = None
-        if end is End.DONE:
+        if not problem:
             focusOnce(volumeNode)
-        text = {
-            End.DONE: lambda: messageOf(volumeNode),
-            End.CANCELLED: lambda: _("Cancelled; everything is as it was before."),
-            End.FAILED: lambda: str(value),
-        }[end]()
+        text = problem or messageOf(volumeNode)
         self._onChanged()
         self._show(text)
 

@@ -128,7 +128,7 @@ class SeparateSection(VTKObservationMixin):
     def schedule(self):
         """Separate soon, once for all changes that come together, and show the region."""
         if self._organ is not None:
-            self.showRegion(True)
+            self._ui.previewCheck.checked = True
             if not self._timer.isActive():
                 self._timer.start()
 
@@ -150,15 +150,6 @@ class SeparateSection(VTKObservationMixin):
             volume = _("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}")
             self._message.show("\n".join([volume, *warnings]))
         self._onSeparated()
-
-    def showRegion(self, visible):
-        """Show the region, or hide it for a look at the surface.
-
-        Parameters
-        ----------
-        visible : bool
-        """
-        self._ui.previewCheck.checked = visible
 
     def _mapping(self):
         ui = self._ui

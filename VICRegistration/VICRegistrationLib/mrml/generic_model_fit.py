@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from slicer.i18n import tr as _
 
@@ -19,19 +19,6 @@ from .stacks import leftOutSentences, stacksToFit
 from .volumes import imageFromVolume
 
 
-@dataclass(frozen=True)
-class ModelStep:
-    """What a fit of a generic model has just done.
-
-    Parameters
-    ----------
-    words : str
-        For the panel.
-    """
-
-    words: str
-
-
 def fitModel(parameters, volumeNode, model="pelvis", landmarks=None, *, onStep=None):
     """Fit a generic model to organs of the scene, and show it in a folder of its own.
 
@@ -45,7 +32,7 @@ def fitModel(parameters, volumeNode, model="pelvis", landmarks=None, *, onStep=N
     landmarks : vtkMRMLMarkupsFiducialNode, optional
         Places on bone, labelled as in the model.
     onStep : callable, optional
-        Called with every :class:`ModelStep`.
+        Called with what was done, str, after every step.
 
     Returns
     -------
@@ -77,8 +64,8 @@ def modelSteps(parameters, organs, volumeNode):
 
     Yields
     ------
-    ModelStep
-        Closing the generator leaves an earlier result as it was.
+    str
+        What is done now, for the panel. Closing the generator leaves an earlier result as it was.
 
     Returns
     -------
@@ -104,7 +91,7 @@ def modelSteps(parameters, organs, volumeNode):
     needed = _Needed(pairs, volumeNode, stacks)
     regions, warnings = {}, _notUsed(pairs, leftOut)
     for name, organ in pairs.items():
-        yield ModelStep(_("{organ}: separating").format(organ=organ.label))
+        yield _("{organ}: separating").format(organ=organ.label)
         needed.check()
         regions[name], found = separateOrgan(organ, volumeNode)
         warnings += [f"{organ.label}: {warning}" for warning in found]
@@ -130,25 +117,23 @@ def _examined(image, fit, pairs, needed):
         _("What passes through what"): lambda: fit.diagnostics,
     }
     for words, examine in examinations.items():
-        yield ModelStep(words)
+        yield words
         needed.check()
         examine()
     found = [sentence(diagnostic) for diagnostic in fit.diagnostics]
     for name, organ in pairs.items():
-        yield ModelStep(_("{organ}: checking the surface").format(organ=organ.label))
+        yield _("{organ}: checking the surface").format(organ=organ.label)
         needed.check()
         found += [f"{organ.label}: {sentence(each)}" for each in fit_diagnostics(image, fit.organs[name])]
-    yield ModelStep(_("Showing the model"))
+    yield _("Showing the model")
     needed.check()
     return found
 
 
 def _shown(step):
     """Step of the library's fit in words."""
-    return ModelStep(
-        _("{stage}, iteration {iteration}, cost {cost}").format(
-            stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
-        )
+    return _("{stage}, iteration {iteration}, cost {cost}").format(
+        stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
     )
 
 
