@@ -11,7 +11,7 @@ from ..mrml.fitting import boundaryDeviations
 from ..mrml.organ_nodes import boundaryPointsOf
 from ..mrml.points import placedPoints, placingEvents, removeLastPoint
 from .binding import Binding
-from .widgets import fitHeight, setUpTable, showPlaceButtons, stopPlacing
+from .widgets import fitHeight, setUpTable, showPlaceButtons
 
 
 class CorrectSection(VTKObservationMixin):
@@ -55,10 +55,6 @@ class CorrectSection(VTKObservationMixin):
                 self.addObserver(points, event, self._pointsChanged)
         self._ui.boundaryPlaceWidget.setCurrentNode(points)
         self.refresh(busy=False)
-
-    def stopPlacing(self):
-        """Leave the mode in which clicks place boundary points; the mode of somebody else stays."""
-        stopPlacing(self._ui.boundaryPlaceWidget)
 
     def refresh(self, *, busy):
         """List the points, and enable what can be pressed.

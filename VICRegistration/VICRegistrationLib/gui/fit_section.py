@@ -45,7 +45,7 @@ class FitSection:
         ui.cancelButton.connect("clicked()", self.cancel)
         ui.convergenceCheck.connect("toggled(bool)", self._showPlot)
         ui.plotFrame.visible = False
-        self._showProgress(0)
+        ui.progressBar.value = 0
 
     @property
     def running(self):
@@ -62,7 +62,7 @@ class FitSection:
         """
         if not self.running:
             self._message.show((organ.message if organ is not None else "") or _firstStep(organ, volumeNode))
-            self._showProgress(100 if organ is not None and organ.surface is not None else 0)
+            self._ui.progressBar.value = 100 if organ is not None and organ.surface is not None else 0
         self._plot(organ)
 
     def refresh(self, *, ready):
@@ -129,7 +129,7 @@ class FitSection:
         self._organ, steps, isRefit = self._queue.pop(0)
         stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
         self._progress = _Progress(stages + self._moreStages)
-        self._showProgress(0)
+        self._ui.progressBar.value = 0
         self._message.show(_("{organ}: separating").format(organ=self._organ.label))
         # The fill would lie over the surface.
         setRegionVisible(self._organ, False)
@@ -143,7 +143,7 @@ class FitSection:
             return
         moveSurface(organ.surface, step.surface)
         focusOnce(self._volume)
-        self._showProgress(self._progress.after(step))
+        self._ui.progressBar.value = self._progress.after(step)
         self._message.show(
             _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
                 organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
@@ -152,7 +152,7 @@ class FitSection:
 
     def _ended(self, problem):
         organ, self._organ, self._runner = self._organ, None, None
-        self._showProgress(0 if problem else 100)
+        self._ui.progressBar.value = 0 if problem else 100
         if not problem:
             # A fit that is done at once has had no step to look at.
             focusOnce(self._volume)
@@ -160,9 +160,6 @@ class FitSection:
         self._message.show(f"{organ.label}: {problem or organ.message}" if there else problem)
         self._plot(organ if there else None)
         self._next()
-
-    def _showProgress(self, percent):
-        self._ui.progressBar.value = percent
 
     def _showPlot(self, visible):
         self._ui.plotFrame.visible = visible

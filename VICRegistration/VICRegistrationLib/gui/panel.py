@@ -25,6 +25,7 @@ from .model_section import ModelSection
 from .organs_table import OrgansTable
 from .separate_section import SeparateSection
 from .stacks_section import StacksSection
+from .widgets import stopPlacing
 
 _FIT_AT_ONCE = "VICRegistration/FitAtOnce"
 
@@ -86,8 +87,7 @@ class Panel(VTKObservationMixin):
         """Follow nothing any more; a fit under way goes on."""
         if not self.isOpen:
             return
-        self.separateSection.stopPlacing()
-        self.correctSection.stopPlacing()
+        self._stopPlacing()
         self.modelSection.setModule(None)
         self._volumeBinding.release()
         # All at once: the mixin holds on to nodes, with their voxels, whose observers are removed one by one.
@@ -147,7 +147,7 @@ class Panel(VTKObservationMixin):
 
     def refit(self):
         """Fit the current organ again, through its boundary points."""
-        self.correctSection.stopPlacing()
+        self._stopPlacing()
         # The surface lies in the volume that it was fitted in, whatever is chosen now.
         self.fitSection.refit(self._organ, volumeOf(self._organ) or self._volume)
 
@@ -170,8 +170,13 @@ class Panel(VTKObservationMixin):
         self.ui.addOrganButton.enabled = self._volume is not None
 
     def _fit(self, organs):
-        self.separateSection.stopPlacing()
+        self._stopPlacing()
         self.fitSection.fit(organs, self._volume, self.stacksSection.chosen())
+
+    def _stopPlacing(self):
+        """Leave the mode in which clicks place points of the current organ; the mode of somebody else stays."""
+        for widget in (self.ui.seedPlaceWidget, self.ui.boundaryPlaceWidget):
+            stopPlacing(widget)
 
     def _separated(self):
         """Show the region that was found, and fit a new organ to it if that is wanted."""
@@ -205,8 +210,7 @@ class Panel(VTKObservationMixin):
         organ, volume = self.organs.current(), self.parameters.volume
         if organ is not self._organ or volume is not self._volume:
             # Clicks would go on placing points of the organ before.
-            self.separateSection.stopPlacing()
-            self.correctSection.stopPlacing()
+            self._stopPlacing()
         # Nodes that the organ lacks are made before its changes are followed.
         self._followOrgan(None, None)
         self.separateSection.setOrgan(organ, volume)
@@ -238,8 +242,7 @@ class Panel(VTKObservationMixin):
         organ = self._organ
         if self._volume is not None and (organ.seeds is None or organ.boundaryPoints is None):
             # Somebody has deleted them; new lists become those in which clicks place points.
-            self.separateSection.stopPlacing()
-            self.correctSection.stopPlacing()
+            self._stopPlacing()
             self._showOrgan()
         else:
             self.refresh()

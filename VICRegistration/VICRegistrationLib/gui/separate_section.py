@@ -18,7 +18,7 @@ from ..mrml.points import markedPoints, placingEvents
 from ..mrml.separating import canBeSeparated, separateOrgan
 from .binding import Binding, SegmentChoice
 from .message_label import MessageLabel
-from .widgets import showPlaceButtons, showRow, signalsBlocked, stopPlacing
+from .widgets import showPlaceButtons, showRow, signalsBlocked
 
 # Long enough for the changes of one drag of a slider to become one, too short to be noticed.
 _DELAY_MS = 30
@@ -88,10 +88,6 @@ class SeparateSection(VTKObservationMixin):
     def placeSeed(self):
         """Let the next click into a slice place a seed."""
         self._ui.seedPlaceWidget.setPlaceModeEnabled(True)
-
-    def stopPlacing(self):
-        """Leave the mode in which clicks place seeds; the mode of somebody else stays."""
-        stopPlacing(self._ui.seedPlaceWidget)
 
     def refresh(self):
         """Show the organ's settings, and separate again if they have changed."""
