@@ -54,19 +54,23 @@ def test_in_the_panel(panelTests, file, group, name):
         case.tearDown()
 
 
-def test_a_rename_under_way_outlives_a_refresh(panelTests):
+@pytest.fixture
+def case(panelTests):
+    """A scene with the demo's MRI, and the panel."""
     case = panelTests["panel_case"].PanelTestCase()
     case.setUp()
-    try:
-        case.add("bladder")
-        table = case.ui.organsTable
-        table._edit(0, 2, "half a na")
-        case.panel.refresh()
-        table._return()
-        assert case.organ.label == "half a na"
-        assert table.currentColumn() == 2
-    finally:
-        case.tearDown()
+    yield case
+    case.tearDown()
+
+
+def test_a_rename_under_way_outlives_a_refresh(case):
+    case.add("bladder")
+    table = case.ui.organsTable
+    table._edit(0, 2, "half a na")
+    case.panel.refresh()
+    table._return()
+    assert case.organ.label == "half a na"
+    assert table.currentColumn() == 2
 
 
 @pytest.fixture
@@ -80,11 +84,9 @@ def modules():
 
 
 @pytest.mark.usefixtures("modules")
-def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(panelTests):
+def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(case):
     import slicer
 
-    case = panelTests["panel_case"].PanelTestCase()
-    case.setUp()
     case.fitted("bladder")
     case.add("vagina")
     case.placeSeeds("vagina", count=1)
@@ -94,80 +96,62 @@ def test_a_module_that_is_reloaded_shows_the_scene_and_the_old_panel_nothing(pan
     case.widget.onReload()
     case.widget = slicer.util.getModuleWidget("VICRegistration")
     case.ui, case.panel = case.widget.ui, case.widget.panel
-    try:
-        assert (old.isOpen, old.fitSection.running, case.panel.isOpen) == (False, False, True)
-        assert type(old) is not type(case.panel)
-        assert [organ.label for organ in case.panel.organs] == ["bladder", "vagina"]
-        assert case.organ.surface is None
-        case.ui.fitButton.click()
-        case.waitForFit()
-        assert "iterations" in case.ui.fitStatusLabel.text
-        # Nothing follows the scene twice.
-        refreshed = []
-        old.refresh = lambda: refreshed.append(old)
-        case.organ.message = "seen once"
-        assert (refreshed, old.ui.organsTable.rowCount) == ([], 0)
-    finally:
-        case.tearDown()
+    assert (old.isOpen, old.fitSection.running, case.panel.isOpen) == (False, False, True)
+    assert type(old) is not type(case.panel)
+    assert [organ.label for organ in case.panel.organs] == ["bladder", "vagina"]
+    assert case.organ.surface is None
+    case.ui.fitButton.click()
+    case.waitForFit()
+    assert "iterations" in case.ui.fitStatusLabel.text
+    # Nothing follows the scene twice.
+    refreshed = []
+    old.refresh = lambda: refreshed.append(old)
+    case.organ.message = "seen once"
+    assert (refreshed, old.ui.organsTable.rowCount) == ([], 0)
 
 
-def test_the_list_of_stacks_takes_no_notice_of_label_maps(panelTests, monkeypatch):
-    case = panelTests["panel_case"].PanelTestCase()
-    case.setUp()
-    try:
-        case.add("bladder")
-        case.placeSeeds("bladder", count=1)
-        regions, segment = case.organ.regions, case.organ.regionSegmentId
-        case.add("uterus")
-        case.ui.sourceCombo.setCurrentIndex(1)
-        notices = []
-        monkeypatch.setattr(case.panel.stacksSection, "_onChanged", lambda: notices.append(1))
-        case.ui.segmentSelector.setCurrentNode(regions)
-        case.ui.segmentSelector.setCurrentSegmentID(segment)
-        case.waitForRegion()
-        assert case.organ.state.value == "separated"
-        assert notices == []
-    finally:
-        case.tearDown()
+def test_the_list_of_stacks_takes_no_notice_of_label_maps(case, monkeypatch):
+    case.add("bladder")
+    case.placeSeeds("bladder", count=1)
+    regions, segment = case.organ.regions, case.organ.regionSegmentId
+    case.add("uterus")
+    case.ui.sourceCombo.setCurrentIndex(1)
+    notices = []
+    monkeypatch.setattr(case.panel.stacksSection, "_onChanged", lambda: notices.append(1))
+    case.ui.segmentSelector.setCurrentNode(regions)
+    case.ui.segmentSelector.setCurrentSegmentID(segment)
+    case.waitForRegion()
+    assert case.organ.state.value == "separated"
+    assert notices == []
 
 
-def test_a_separation_that_breaks_is_told(panelTests, monkeypatch, caplog):
+def test_a_separation_that_breaks_is_told(case, monkeypatch, caplog):
     def broken(*arguments):
         raise MemoryError
 
-    case = panelTests["panel_case"].PanelTestCase()
-    case.setUp()
-    try:
-        case.add("bladder")
-        monkeypatch.setattr("VICRegistrationLib.gui.separate_section.separateOrgan", broken)
-        case.placeSeeds("bladder", count=1)
-        assert "the log has it" in case.ui.regionStatusLabel.text
-        assert "MemoryError" in caplog.text
-    finally:
-        case.tearDown()
+    case.add("bladder")
+    monkeypatch.setattr("VICRegistrationLib.gui.separate_section.separateOrgan", broken)
+    case.placeSeeds("bladder", count=1)
+    assert "the log has it" in case.ui.regionStatusLabel.text
+    assert "MemoryError" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["fitSteps", "modelSteps"])
-def test_a_fit_that_breaks_is_told(panelTests, monkeypatch, caplog, name):
+def test_a_fit_that_breaks_is_told(case, panelTests, monkeypatch, caplog, name):
     def broken(*arguments):
         yield from ([][index] for index in range(1))
 
     section = {"fitSteps": "fit_section", "modelSteps": "model_section"}[name]
-    case = panelTests["panel_case"].PanelTestCase()
-    case.setUp()
-    try:
-        case.add("bladder")
-        monkeypatch.setattr(f"VICRegistrationLib.gui.{section}.{name}", broken)
-        (case.ui.fitButton if name == "fitSteps" else case.ui.fitModelButton).click()
-        case.waitForFit()
-        panelTests["panel_case"].waitFor(lambda: not case.panel.modelSection.running)
-        label = case.ui.fitStatusLabel if name == "fitSteps" else case.ui.modelStatusLabel
-        assert "The fit failed for a reason that was not foreseen" in label.text
-        assert "list index" not in label.text
-        assert "list index out of range" in caplog.text
-        assert case.ui.fitButton.enabled
-    finally:
-        case.tearDown()
+    case.add("bladder")
+    monkeypatch.setattr(f"VICRegistrationLib.gui.{section}.{name}", broken)
+    (case.ui.fitButton if name == "fitSteps" else case.ui.fitModelButton).click()
+    case.waitForFit()
+    panelTests["panel_case"].waitFor(lambda: not case.panel.modelSection.running)
+    label = case.ui.fitStatusLabel if name == "fitSteps" else case.ui.modelStatusLabel
+    assert "The fit failed for a reason that was not foreseen" in label.text
+    assert "list index" not in label.text
+    assert "list index out of range" in caplog.text
+    assert case.ui.fitButton.enabled
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")

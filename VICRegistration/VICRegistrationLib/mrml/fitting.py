@@ -167,26 +167,24 @@ def checkedSteps(steps, check, shown=lambda step: step):
         yield shown(step)
 
 
-def checkInScene(node, what, remedy):
+def checkInScene(needed):
     """Raise an error if something that a fit needs was deleted.
 
     Parameters
     ----------
-    node : vtkMRMLNode or None
-    what : str
-        Kind and name of the node.
-    remedy : str
-        A sentence that says what to do then.
+    needed : sequence of (vtkMRMLNode, str, str)
+        Nodes, their kinds and names, and sentences that say what to do where one was deleted.
 
     Raises
     ------
     ValueError
-        If there is no node, or it is not in the scene.
+        If one is not in the scene.
     """
-    if not _isThere(node):
-        raise ValueError(
-            _("The {what} was deleted, but it is needed for the fit. {remedy}").format(what=what, remedy=remedy)
-        )
+    for node, what, remedy in needed:
+        if not _isThere(node):
+            raise ValueError(
+                _("The {what} was deleted, but it is needed for the fit. {remedy}").format(what=what, remedy=remedy)
+            )
 
 
 class _Bookkeeping:
@@ -195,18 +193,16 @@ class _Bookkeeping:
     def __init__(self, organ, volumeNode, furtherStacks):
         self.organ, self.volumeNode = organ, volumeNode
         self._further = [node for node in furtherStacks if node is not volumeNode]
-        self._names = [node.GetName() for node in self._further]
+        self._needed = [(organ.parameterNode, _("organ"), _("Add the organ again."))]
+        for node in self._further:
+            self._needed.append((node, _("stack {name}").format(name=node.GetName()), _("Fit again without it.")))
         self._fitted, self._leftOut = (), {}
         self.before = organ.surface.GetPolyData() if organ.surface is not None else None
         self.colored = coloredBy(organ.surface)
         self.model = None
-        self._organ = _("organ"), _("Add the organ again.")
-        name = volumeNode.GetName() if volumeNode is not None else ""
-        self._volume = _("volume {name}").format(name=name), _("Choose a volume and fit again.")
-        self._surface = _("surface"), _("Fit the organ again.")
 
     def __enter__(self):
-        checkInScene(self.organ.parameterNode, *self._organ)
+        checkInScene(self._needed)
         return self
 
     def __exit__(self, kind, error, trace):
@@ -225,7 +221,6 @@ class _Bookkeeping:
 
     def stacks(self, records=None):
         """Further stacks as the library takes them; the search begins where records of an earlier fit have them."""
-        self._checkStacks()
         stacks, self._leftOut = stacksToFit(self.volumeNode, self._further, records)
         self._fitted = tuple(stacks)
         return tuple(stacks.values())
@@ -233,19 +228,12 @@ class _Bookkeeping:
     def followed(self, image, steps):
         """Pass the steps of a fit on, as long as what it needs is there, and record its result."""
         self.model = modelOf(self.organ, self.volumeNode)
-        fit = yield from checkedSteps(steps, self._checkNodes)
+        volume = _("volume {name}").format(name=self.volumeNode.GetName())
+        self._needed.append((self.volumeNode, volume, _("Choose a volume and fit again.")))
+        self._needed.append((self.model, _("surface"), _("Fit the organ again.")))
+        fit = yield from checkedSteps(steps, lambda: checkInScene(self._needed))
         self._record(image, fit)
         return fit
-
-    def _checkNodes(self):
-        checkInScene(self.organ.parameterNode, *self._organ)
-        checkInScene(self.volumeNode, *self._volume)
-        checkInScene(self.model, *self._surface)
-        self._checkStacks()
-
-    def _checkStacks(self):
-        for node, name in zip(self._further, self._names):
-            checkInScene(node, _("stack {name}").format(name=name), _("Fit again without it."))
 
     def _record(self, image, fit):
         from ..registration.diagnostics import fit_diagnostics

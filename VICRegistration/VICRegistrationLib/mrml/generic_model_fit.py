@@ -88,15 +88,15 @@ def modelSteps(parameters, organs, volumeNode):
     check_names(model, landmarks)
     chosen = [node for node in ModuleParameters(parameters.parameterNode).furtherStacks if node is not volumeNode]
     stacks, leftOut = stacksToFit(volumeNode, [node for node in chosen if node is not None])
-    needed = _Needed(pairs, volumeNode, stacks)
+    needed = _neededFor(pairs, volumeNode, stacks)
     regions, warnings = {}, _notUsed(pairs, leftOut)
     for name, organ in pairs.items():
         yield _("{organ}: separating").format(organ=organ.label)
-        needed.check()
+        checkInScene(needed)
         regions[name], found = separateOrgan(organ, volumeNode)
         warnings += [f"{organ.label}: {warning}" for warning in found]
     steps = fit_model(image, model, regions, options, landmarks=landmarks, further=tuple(stacks.values()))
-    fit = yield from checkedSteps(steps, needed.check, _shown)
+    fit = yield from checkedSteps(steps, lambda: checkInScene(needed), _shown)
     warnings += yield from _examined(image, fit, pairs, needed)
     for organ in pairs.values():
         # The fill would lie over the parts.
@@ -118,15 +118,15 @@ def _examined(image, fit, pairs, needed):
     }
     for words, examine in examinations.items():
         yield words
-        needed.check()
+        checkInScene(needed)
         examine()
     found = [sentence(diagnostic) for diagnostic in fit.diagnostics]
     for name, organ in pairs.items():
         yield _("{organ}: checking the surface").format(organ=organ.label)
-        needed.check()
+        checkInScene(needed)
         found += [f"{organ.label}: {sentence(each)}" for each in fit_diagnostics(image, fit.organs[name])]
     yield _("Showing the model")
-    needed.check()
+    checkInScene(needed)
     return found
 
 
@@ -137,17 +137,12 @@ def _shown(step):
     )
 
 
-class _Needed:
-    """Nodes that a fit cannot do without, and their names."""
-
-    def __init__(self, pairs, volumeNode, stackNodes):
-        self._nodes = [(volumeNode, _("volume {name}").format(name=volumeNode.GetName()))]
-        self._nodes += [(organ.parameterNode, _("organ {name}").format(name=organ.label)) for organ in pairs.values()]
-        self._nodes += [(node, _("stack {name}").format(name=node.GetName())) for node in stackNodes]
-
-    def check(self):
-        for node, what in self._nodes:
-            checkInScene(node, what, _("Fit the model again."))
+def _neededFor(pairs, volumeNode, stackNodes):
+    """Nodes that a fit cannot do without, with their names."""
+    nodes = [(volumeNode, _("volume {name}").format(name=volumeNode.GetName()))]
+    nodes += [(organ.parameterNode, _("organ {name}").format(name=organ.label)) for organ in pairs.values()]
+    nodes += [(node, _("stack {name}").format(name=node.GetName())) for node in stackNodes]
+    return [(*entry, _("Fit the model again.")) for entry in nodes]
 
 
 def _notUsed(pairs, leftOut):
