@@ -17,8 +17,11 @@ SELF_TESTS = ("test_fit", "test_refit", "test_furtherStack", "test_sceneBundle",
 
 
 @pytest.fixture
-def python(slicer_module):
-    """The Python module of the module file."""
+def python(slicer_module, monkeypatch):
+    """The Python module of the module file; what several of its tests fit is fitted once."""
+    import quick_fits
+
+    quick_fits.cache(monkeypatch)
     return sys.modules["VICRegistration"]
 
 
