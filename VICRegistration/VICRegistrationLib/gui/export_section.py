@@ -5,12 +5,14 @@ from __future__ import annotations
 import ctk
 from slicer.i18n import tr as _
 
-from ..mrml.exporting import MESHES, exportSurfaces, meshArguments
+from ..meshing.formats import MESH_FORMATS
+from ..mrml.exporting import exportSurfaces, meshArguments
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
 from .widgets import showRow
 
-_SELECTED, _ALL = range(2)
+# Row of all organs in the list of what is exported; the other one is the selected organ.
+_ALL = 1
 
 
 def _formats():
@@ -78,7 +80,7 @@ class ExportSection:
         return self._ui.exportFormatCombo.itemData(self._ui.exportFormatCombo.currentIndex)
 
     def _formatChosen(self, _index=None):
-        ui, meshing, exact = self._ui, self._suffix() in MESHES, self._suffix() == ".step"
+        ui, meshing, exact = self._ui, self._suffix() in MESH_FORMATS, self._suffix() == ".step"
         showRow(exact, ui.exportFacesLabel, ui.exportFacesSpin)
         showRow(meshing, ui.meshSizeLabel, ui.meshSizeSlider, ui.meshOrderLabel, ui.meshOrderCombo)
         showRow(meshing, ui.meshWallLabel, ui.meshWallSlider, ui.cancelExportButton)
@@ -95,7 +97,7 @@ class ExportSection:
             return
         self._ui.exportFolderEdit.addCurrentPathToHistory()
         try:
-            if suffix in MESHES:
+            if suffix in MESH_FORMATS:
                 self._mesh(folder, suffix)
             else:
                 paths = exportSurfaces(self._chosen(), folder, suffix, faces=self._ui.exportFacesSpin.value)

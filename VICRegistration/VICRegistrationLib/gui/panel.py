@@ -49,12 +49,12 @@ class Panel(VTKObservationMixin):
         self._toFit = []
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
         self.stacksSection = StacksSection(ui, self.refresh, self._volumeCame, self._volumeMoved)
-        self.separateSection = SeparateSection(ui, self._separated)
-        self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self._fitChanged)
+        self.separateSection = SeparateSection(ui, self._progressed)
+        self.fitSection = FitSection(ui, self.fitOrgan, self.fitAll, self._progressed)
         self.correctSection = CorrectSection(ui, self.refit, self.refresh)
         self.exportSection = ExportSection(ui)
         self.compareSection = CompareSection(ui)
-        self.modelSection = ModelSection(ui, self._fitChanged)
+        self.modelSection = ModelSection(ui, self._progressed)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
         # Slicer's settings file holds text.
@@ -178,18 +178,12 @@ class Panel(VTKObservationMixin):
         for widget in (self.ui.seedPlaceWidget, self.ui.boundaryPlaceWidget):
             stopPlacing(widget)
 
-    def _separated(self):
-        """Show the region that was found, and fit a new organ to it if that is wanted."""
-        self.refresh()
-        self._fitNew()
+    def _progressed(self):
+        """Show that a region was found, or that a fit has begun or ended; then fit new organs that have waited for it.
 
-    def _fitChanged(self):
-        """Show that a fit has begun or ended, and fit what has waited for its end."""
+        Those are fitted that have a region and are to be fitted at once, after a fit that is under way.
+        """
         self.refresh()
-        self._fitNew()
-
-    def _fitNew(self):
-        """Fit the new organs that have a region and are to be fitted at once, after a fit that is under way."""
         if self.organs is None or self.fitSection.running or self.modelSection.running:
             return
         ready = [organ for organ in self.organs if organ.parameterNode in self._toFit and self._isReady(organ)]

@@ -12,7 +12,6 @@ from .organ_nodes import removeNodes
 from .surfaces import movedSurface, surfaceFromModel
 from .volumes import linearRelation
 
-MESHES = (".vtu", ".msh", ".inp", ".med", ".bdf")
 QUALITY_ATTRIBUTE = "VIC.quality"
 _ASSEMBLY, _STEP = "organs", ".step"
 
@@ -104,7 +103,7 @@ def meshArguments(organs, workFolder, folder, suffix, *, sizeMm, order=1, wallMm
     folder : path
         Gets the mesh.
     suffix : str
-        One of `MESHES`.
+        One of `MESH_FORMATS` in meshing/formats.py.
     sizeMm : float
         Edge of an element.
     order : {1, 2}

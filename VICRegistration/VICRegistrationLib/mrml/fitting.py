@@ -252,8 +252,7 @@ class _Bookkeeping:
         self._colorAgain()
         keepStacks(organ, self.volumeNode, self._fitted, fit.stacks, self._leftOut)
         showStackContours(organ, self.volumeNode)
-        table, _chart = convergenceOf(organ, self.volumeNode)
-        showConvergence(table, fit.history)
+        showConvergence(convergenceOf(organ, self.volumeNode), fit.history)
         boundaryDeviations(organ, self.volumeNode)
         setRegionVisible(organ, False)
         with slicer.util.NodeModify(organ.parameterNode):

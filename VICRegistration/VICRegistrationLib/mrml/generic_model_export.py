@@ -61,7 +61,7 @@ def modelMeshArguments(volumeNode, workFolder, folder, suffix, *, sizeMm):
     folder : path
         Gets the mesh.
     suffix : str
-        One of `exporting.MESHES`.
+        One of `MESH_FORMATS` in meshing/formats.py.
     sizeMm : float
         Edge of an element.
 

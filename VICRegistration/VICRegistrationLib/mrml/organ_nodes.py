@@ -205,8 +205,8 @@ def convergenceOf(organ, volumeNode):
 
     Returns
     -------
-    tableNode : vtkMRMLTableNode
-    chartNode : vtkMRMLPlotChartNode
+    vtkMRMLTableNode
+        That of the plot.
     """
     name = _("{organ} convergence").format(organ=organ.label)
     series = seriesOf(organ)
@@ -220,7 +220,7 @@ def convergenceOf(organ, volumeNode):
         one.SetAndObserveTableNodeID(organ.convergence.GetID())
     for node in (*series, organ.plot, organ.convergence):
         putInFolder(node, organ, volumeNode)
-    return organ.convergence, organ.plot
+    return organ.convergence
 
 
 def followVolume(organ, volumeNode):
