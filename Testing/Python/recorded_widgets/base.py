@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 
-from . import enums
 from .record import argumentTypes, load
 
 # Members that only change looks may be called, and do nothing.
@@ -42,7 +41,8 @@ class RecordedType(type):
 
     def __getattr__(cls, name):
         if cls.record_ is not None and name[:1].isupper() and name in cls.record_.members:
-            return enums.member(cls, name, cls.record_.members)
+            # A member of an enum, by a number of its own.
+            return sorted(cls.record_.members).index(name)
         raise _unknown(cls, name)
 
 
@@ -57,7 +57,7 @@ class Signal:
         return True
 
     def disconnect(self, handler):
-        self._owner._disconnect(self._name, None, handler)
+        self._owner._handlers[self._name].remove((None, handler))
         return True
 
 
@@ -178,12 +178,6 @@ class Recorded(metaclass=RecordedType, record=False):
             msg = f"{handler!r} cannot be connected to {name}; it is not callable"
             raise TypeError(msg)
         self._handlers.setdefault(name, []).append((signature, handler))
-
-    def _disconnect(self, name, signature, handler):
-        held = self._handlers.get(name, [])
-        matching = [entry for entry in held if handler is None or entry == (signature, handler)]
-        for entry in matching[:1] if handler is not None else matching:
-            held.remove(entry)
 
     def _emit(self, name, *arguments, **overloads):
         """Call what is connected; overloads give the argument for signatures of another type, as QString=text."""

@@ -6,7 +6,7 @@ import functools
 import sys
 from types import SimpleNamespace
 
-from . import base, enums, event_loop, record
+from . import base, event_loop, record
 
 
 @functools.cache
@@ -36,7 +36,7 @@ def install():
             classes[name] = base.RecordedType(name, (parent,), {})
     for name, cls in classes.items():
         setattr(sys.modules[record.load()[name].module], name, cls)
-    for cls in (enums.Qt, value_types.QApplication):
+    for cls in (value_types.Qt, value_types.QApplication):
         setattr(sys.modules["qt"], cls.__name__, cls)
     slicer.app.eventLoop = event_loop.LOOP
     loader = lambda path: ui_loader.Loader(classes).load(path)  # noqa: E731

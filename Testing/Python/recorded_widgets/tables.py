@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from . import enums
 from .base import Recorded
 from .value_types import QSize
 from .widgets import QWidget
@@ -72,10 +71,6 @@ class QTableWidgetItem(Recorded):
 
 class QHeaderView(QWidget):
     """The names of rows or columns."""
-
-    def _construct(self, argument):
-        if not isinstance(argument, enums.Named):
-            super()._construct(argument)
 
     def _get_sizeHint(self):
         return QSize(24)

@@ -7,8 +7,6 @@ import operator
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 
-from . import enums
-
 
 @dataclass(frozen=True)
 class UiFile:
@@ -110,6 +108,4 @@ class Loader:
     def _enum(self, text):
         """Member of an enum from "QFormLayout::FieldsStayAtSizeHint"; those of unrecorded classes are 0."""
         owner, _, name = text.rpartition("::")
-        if owner == "Qt" and name in enums.QT:
-            return enums.QT[name]
         return getattr(self._classes[owner], name) if owner in self._classes else 0

@@ -8,6 +8,14 @@ from .base import Recorded, call
 from .event_loop import LOOP
 
 
+class Qt:
+    """Enums of Qt itself: roles and flags, which code adds up or compares."""
+
+    DecorationRole, UserRole = 1, 256
+    ItemIsSelectable, ItemIsEditable, ItemIsEnabled = 1, 2, 32
+    WaitCursor = 3
+
+
 class QTimer(Recorded):
     """Fires once in the virtual time of the event loop; without a reference to it, it is gone and never fires."""
 

@@ -21,19 +21,13 @@ class Connector:
     def prepare(self):
         """Set the widget up for the type."""
 
-    def annotation(self, cls):
-        return next((annotation for annotation in self.annotations if isinstance(annotation, cls)), None)
-
-    def changed(self):
-        if self.callback:
-            self.callback()
-
     def onChanged(self, callback):
-        self.callback = callback
+        """Call a function when the user changes the widget; None: no more."""
         if callback is None:
-            getattr(self.widget, self.signal).disconnect(self.changed)
+            getattr(self.widget, self.signal).disconnect(self.callback)
         else:
-            getattr(self.widget, self.signal).connect(self.changed)
+            getattr(self.widget, self.signal).connect(callback)
+        self.callback = callback
 
     def read(self):
         return getattr(self.widget, self.property)
@@ -48,25 +42,14 @@ class CheckBox(Connector):
     signal, property = "stateChanged", "checked"
 
 
-class WholeNumber(Connector):
-    """int in a spin box."""
+class Number(Connector):
+    """int or float, within a range, in a widget for such numbers."""
 
     signal, property = "valueChanged", "value"
-    lowest, highest = -(2**31), 2**31 - 1
 
     def prepare(self):
-        within = self.annotation(WithinRange)
-        if within is None and type(self.widget).__name__ == "ctkSliderWidget":
-            msg = "Cannot have a connection to ctkSliderWidget where the type is unbounded."
-            raise RuntimeError(msg)
-        self.widget.minimum = within.minimum if within else self.lowest
-        self.widget.maximum = within.maximum if within else self.highest
-
-
-class RealNumber(WholeNumber):
-    """float in a widget for real numbers; newer Slicers take whole numbers there as well."""
-
-    lowest, highest = -float("inf"), float("inf")
+        (within,) = (annotation for annotation in self.annotations if isinstance(annotation, WithinRange))
+        self.widget.minimum, self.widget.maximum = within.minimum, within.maximum
 
 
 class EnumChoices(Connector):
@@ -106,12 +89,13 @@ class NodeChoice(Connector):
         self.widget.setCurrentNode(value)
 
 
+# Newer Slicers take whole numbers in the last two as well.
 CONNECTORS = {
     (bool, "QCheckBox"): CheckBox,
-    (int, "QSpinBox"): WholeNumber,
+    (int, "QSpinBox"): Number,
+    (float, "QDoubleSpinBox"): Number,
+    (float, "ctkSliderWidget"): Number,
 }
-for _name in ("QDoubleSpinBox", "ctkSliderWidget"):
-    CONNECTORS[float, _name] = RealNumber
 
 
 def connectorFor(widget, hint):
