@@ -1,7 +1,9 @@
 """What is chosen for a generic model: which one, the organs of the table that its organs are, and landmarks on bone."""
 
 # Without postponed annotations: Slicer reads those of the parameters.
+import functools
 import json
+import os
 from typing import Optional
 
 import slicer
@@ -15,8 +17,6 @@ from .volumes import localPoints, putUnderVolume
 # Attribute of an organ's parameter node: the organ of the model that it is, or null, as JSON.
 _MODEL_ORGAN = "VIC.modelOrgan"
 _LANDMARK_COLOR = (0.35, 0.85, 1.0)
-# Models that were drawn or read, by name and date of the file.
-_models = {}
 
 
 @parameterNodeWrapper
@@ -45,25 +45,26 @@ def modelNamed(name):
     ValueError
         If there is no such model.
     """
-    import os
-
-    from ..multipatch.library import MODELS, find_model
+    from ..multipatch.library import MODELS
 
     if not name:
         raise ValueError(_("No file is chosen; a generic model is needed. Choose a model file."))
     try:
-        key = name, None if name in MODELS else os.stat(name).st_mtime_ns
-        if key not in _models:
-            found = find_model(name)
-            _models.clear()
-            _models[key] = found
+        return _foundModel(name, None if name in MODELS else os.stat(name).st_mtime_ns)
     except OSError as error:
         raise ValueError(
             _("The model {name} cannot be read ({reason}); choose a model file that exists.").format(
                 name=name, reason=error.strerror or error
             )
         ) from error
-    return _models[key]
+
+
+@functools.lru_cache(maxsize=1)
+def _foundModel(name, changed):
+    """Model that is drawn or read once, until its file is changed."""
+    from ..multipatch.library import find_model
+
+    return find_model(name)
 
 
 def pairedOrgans(model, organs):
