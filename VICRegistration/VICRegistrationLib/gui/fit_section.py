@@ -14,10 +14,9 @@ from .runner import StepRunner
 # Attribute of a volume whose first surface the 3D views have been focused on.
 _FOCUSED = "VIC.focused"
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
-# Stages of a fit with a given net, and of one that goes on to the finest net.
-_STAGES, _STAGES_OF_ALL_NETS = 4, 10
-# More of them with further stacks: coarse with all of them, and fine with their motions found again.
-_STAGES_OF_STACKS = 2
+# Share of the progress bar that is left after each stage: about a third after the four stages of a given net, a
+# twentieth after the ten of one that goes on to the finest net. Neither number is known before.
+_LEFT_AFTER_STAGE = 0.75
 
 
 class FitSection:
@@ -38,8 +37,7 @@ class FitSection:
         self._ui, self._onChanged = ui, onChanged
         self._queue, self._runner, self._organ, self._volume = [], None, None, None
         self._message = MessageLabel(ui.fitStatusLabel)
-        self._moreStages = 0
-        self._progress = self._plotView = self._shown = None
+        self._stages, self._plotView, self._shown = set(), None, None
         ui.fitButton.connect("clicked()", onFit)
         ui.fitAllButton.connect("clicked()", onFitAll)
         ui.cancelButton.connect("clicked()", self.cancel)
@@ -88,8 +86,7 @@ class FitSection:
         further : list of vtkMRMLScalarVolumeNode
             More stacks of the patient.
         """
-        queue = [(organ, fitSteps(organ, volumeNode, further), False) for organ in organs]
-        self._start(volumeNode, queue, _STAGES_OF_STACKS if further else 0)
+        self._start(volumeNode, [(organ, fitSteps(organ, volumeNode, further)) for organ in organs])
 
     def refit(self, organ, volumeNode):
         """Fit an organ again from its surface, through its boundary points.
@@ -99,7 +96,7 @@ class FitSection:
         organ : OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         """
-        self._start(volumeNode, [(organ, refitSteps(organ, volumeNode), True)])
+        self._start(volumeNode, [(organ, refitSteps(organ, volumeNode))])
 
     def cancel(self):
         """End before the next step; the surface becomes what it was, and organs in the queue are not fitted."""
@@ -114,10 +111,10 @@ class FitSection:
             self._runner.stop()
         self._plot(None)
 
-    def _start(self, volumeNode, queue, moreStages=0):
+    def _start(self, volumeNode, queue):
         if self.running:
             return
-        self._volume, self._queue, self._moreStages = volumeNode, queue, moreStages
+        self._volume, self._queue = volumeNode, queue
         self._next()
 
     def _next(self):
@@ -126,9 +123,8 @@ class FitSection:
         if not self._queue:
             self._onChanged()
             return
-        self._organ, steps, isRefit = self._queue.pop(0)
-        stages = _STAGES_OF_ALL_NETS if self._organ.netAutomatic and not isRefit else _STAGES
-        self._progress = _Progress(stages + self._moreStages)
+        self._organ, steps = self._queue.pop(0)
+        self._stages = set()
         self._ui.progressBar.value = 0
         self._message.show(_("{organ}: separating").format(organ=self._organ.label))
         # The fill would lie over the surface.
@@ -143,7 +139,7 @@ class FitSection:
             return
         moveSurface(organ.surface, step.surface)
         focusOnce(self._volume)
-        self._ui.progressBar.value = self._progress.after(step)
+        self._ui.progressBar.value = self._percent(step)
         self._message.show(
             _("{organ}: {stage}, iteration {iteration}, cost {cost}").format(
                 organ=organ.label, stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
@@ -161,6 +157,12 @@ class FitSection:
         self._plot(organ if there else None)
         self._next()
 
+    def _percent(self, step):
+        """Guess how far a fit has come."""
+        self._stages.add(step.stage)
+        done = len(self._stages) - 1 + step.iteration / (step.iteration + 5.0)
+        return int(100 * (1.0 - _LEFT_AFTER_STAGE**done))
+
     def _showPlot(self, visible):
         self._ui.plotFrame.visible = visible
         if visible and self._plotView is None:
@@ -174,20 +176,6 @@ class FitSection:
         if self._plotView is not None:
             chart = organ.plot if organ is not None else None
             _plotViewNode().SetPlotChartNodeID(chart.GetID() if chart is not None else None)
-
-
-class _Progress:
-    """Guesses how far a fit has come: the number of stages is known, that of iterations is not."""
-
-    def __init__(self, count):
-        self._stages, self._count = [], count
-
-    def after(self, step):
-        """Per cent after a step."""
-        if step.stage not in self._stages:
-            self._stages.append(step.stage)
-        within = step.iteration / (step.iteration + 5.0)
-        return int(100 * min(len(self._stages) - 1 + within, self._count) / self._count)
 
 
 def _firstStep(organ, volumeNode):
