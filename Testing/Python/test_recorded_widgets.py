@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 
 import numpy as np
 import pytest
-from recorded_widgets import record, update_record
+from recorded_widgets import record
 
 slicer = pytest.importorskip("slicer", reason="slicer-core is not installed")
 
@@ -35,12 +35,12 @@ def add(className, name):
 def test_the_record_has_every_class_that_the_panel_and_the_stand_ins_use():
     # Enums and the cursor, which are no widgets.
     others = {"QApplication", "Qt"}
-    assert update_record.panel_classes() | update_record.stand_in_classes() <= set(record.load()) | others
+    assert record.panel_classes() | record.stand_in_classes() <= set(record.load()) | others
 
 
 @pytest.mark.skipif(not SOURCE.is_dir(), reason="the full record is not beside the project")
 def test_the_record_is_a_part_of_the_full_one():
-    full, entries = update_record.read(SOURCE), json.loads(record.FILE.read_text())
+    full, entries = record.read(SOURCE), json.loads(record.FILE.read_text())
     for name, found in record.unpack(entries).items():
         module, expected = full[name]
         assert entries[name]["module"] == module
