@@ -8,7 +8,6 @@ show the stack, and the surface in all others.
 from __future__ import annotations
 
 import slicer
-import vtk
 from slicer.i18n import tr as _
 
 from .organ_nodes import putInFolder, removeNodes
@@ -103,18 +102,13 @@ def _create(organ, stackNode):
     return contour
 
 
-def _moved(polydata, matrix):
+def _moved(surfaceData, matrix):
     """Triangles moved by a matrix (4, 4), with nothing of what belongs to the surface itself."""
-    bare = vtk.vtkPolyData()
-    bare.SetPoints(polydata.GetPoints())
-    bare.SetPolys(polydata.GetPolys())
-    transform = vtk.vtkTransform()
-    transform.SetMatrix(slicer.util.vtkMatrixFromArray(matrix))
-    moving = vtk.vtkTransformPolyDataFilter()
-    moving.SetTransform(transform)
-    moving.SetInputData(bare)
-    moving.Update()
-    return moving.GetOutput()
+    from ..export.surface_data import triangles_in
+    from ..geometry.polydata import polydata
+
+    points, triangles = triangles_in(surfaceData)
+    return polydata(points @ matrix[:3, :3].T + matrix[:3, 3], triangles)
 
 
 def _contours():

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import slicer
-import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
 from .colors import STANDARD_DEVIATION, addNumbers, exchangePolyData
-from .volumes import linearRelation
+from .volumes import linearRelation, worldPoints
 
 # Triangles stay this close to the surface, mm.
 _CHORD_ERROR_MM = 0.1
@@ -241,15 +240,11 @@ def worldVolumeMl(modelNode, surface):
     float
         Millilitres: exact under linear transforms, that of the triangles under others.
     """
-    parent = modelNode.GetParentTransformNode()
-    matrix = linearRelation(parent, None)
+    from ..export.surface_data import triangles_in
+
+    matrix = linearRelation(modelNode.GetParentTransformNode(), None)
     if matrix is not None:
         return surface.volume() * abs(np.linalg.det(matrix)) / 1000.0
-    toWorld = vtk.vtkGeneralTransform()
-    parent.GetTransformToWorld(toWorld)
-    moved = vtk.vtkTransformPolyDataFilter()
-    moved.SetTransform(toWorld)
-    moved.SetInputData(modelNode.GetPolyData())
-    properties = vtk.vtkMassProperties()
-    properties.SetInputConnection(moved.GetOutputPort())
-    return properties.GetVolume() / 1000.0
+    points, triangles = triangles_in(modelNode.GetPolyData())
+    a, b, c = worldPoints(modelNode, points)[triangles.T]
+    return float(abs(np.sum(a * np.cross(b, c)))) / 6000.0
