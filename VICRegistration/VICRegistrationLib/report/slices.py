@@ -18,7 +18,7 @@ _OUTSIDE_COLOUR, _DARK, _REGION_COLOUR = "#1b1f27", "#101318", "#ffffff"
 # A point is drawn as lying in a slice if it is no farther from it: about as wide as its mark.
 _NEAR_MM = 2.0
 # Height of the strip of names below the slices, inches.
-LEGEND_HEIGHT = 0.32
+_LEGEND_HEIGHT = 0.32
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def draw_slices(
     marks: Sequence[Marks] = (),
     region: Image | None = None,
     views: Sequence[View] | None = None,
-) -> float:
+) -> None:
     """Draw three slices along the image's axes, or three others, side by side, on one scale, and what is in them.
 
     Parameters
@@ -103,11 +103,6 @@ def draw_slices(
         A mask whose outline is drawn too.
     views : sequence of three View, optional
         Other slices.
-
-    Returns
-    -------
-    float
-        Lower edge of the legend below the slices, inches from below.
     """
     if views is None:
         views = views_of([contour.mesh for contour in contours if not contour.thin], orientations_of(image))
@@ -130,7 +125,6 @@ def draw_slices(
         _annotate(axes, view)
     _draw_marks(figure.axes[-3:], views, marks, max(_NEAR_MM, float(image.spacing.max()) / 2.0))
     _draw_legend(figure, top - side, contours, marks, with_region=region is not None)
-    return top - side - LEGEND_HEIGHT
 
 
 def _draw_region(axes, sampler: Sampler, view: View) -> None:
@@ -194,7 +188,7 @@ def _draw_legend(figure, top: float, contours: Sequence[Contour], marks: Sequenc
             handles.append(Line2D([], [], ls="", marker=kind.marker, color=kind.colour, ms=5.0))
             labels.append(f"{kind.label} (hollow: beside the slice)")
     width, _ = figure.get_size_inches()
-    strip = axes_at(figure, 0.2, top - LEGEND_HEIGHT, width - 0.4, LEGEND_HEIGHT - 0.04)
+    strip = axes_at(figure, 0.2, top - _LEGEND_HEIGHT, width - 0.4, _LEGEND_HEIGHT - 0.04)
     strip.set(facecolor=_OUTSIDE_COLOUR, xticks=[], yticks=[])
     style = {"fontsize": 9, "labelcolor": "white", "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0}
     legend = strip.legend(handles, ["-"] * len(labels), loc="center", ncol=max(len(labels), 1), **style)
