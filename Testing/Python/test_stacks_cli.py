@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 from dicom_files import single, write_series
-from small_phantom import SEED
+from small_phantom import CENTER, SEED
 from stack_phantom import MOTION, dented, stack_of
 
 from VICRegistrationLib import cli
+from VICRegistrationLib.cli.configuration import organ_request
+from VICRegistrationLib.cli.fitting import fit_to_folder
+from VICRegistrationLib.cli.organ_entries import organ_entry, restored_organ
 from VICRegistrationLib.cli.stack_entries import restored_stack, stack_place
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import read_image, write_image
@@ -74,6 +77,20 @@ def test_an_organ_is_added_beside_one_with_stacks_and_keeps_them(folder, output)
     assert stacks_of(output) == before
     assert "stacks" not in json.loads((output / "report.json").read_text())["organs"]["second"]
     assert (output / "report.html").read_text(encoding="utf-8").count("in its own plane") == 1
+
+
+def test_a_region_that_was_completed_from_a_stack_comes_back(folder, tmp_path):
+    sagittal = read_image(folder / "sag.nii.gz")
+    # It ends 5 mm beside the organ's centre.
+    image = sagittal.crop((0, 0, 0), (10, *sagittal.array.shape[1:]))
+    write_image(image, tmp_path / "cut.nii.gz")
+    requests = [organ_request("bladder", [CENTER], also=[str(folder / "ax.nii.gz")], net=(9, 7))]
+    (organ,) = fit_to_folder(tmp_path / "cut.nii.gz", requests, tmp_path / "out", pictures=False).organs
+    assert organ.fit.whole_region.volume_ml > 1.1 * organ.fit.region.volume_ml
+    back = restored_organ("bladder", json.loads(json.dumps(organ_entry(organ))), tmp_path / "out", image)
+    np.testing.assert_array_equal(back.fit.whole_region.mask, organ.fit.whole_region.mask)
+    np.testing.assert_allclose(back.fit.whole_region.ijk_to_ras, organ.fit.whole_region.ijk_to_ras, atol=1e-6)
+    assert organ_entry(back) == organ_entry(organ)
 
 
 @pytest.mark.parametrize("place", ["beside the organs", "in an organ"])
