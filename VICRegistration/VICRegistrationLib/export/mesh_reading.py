@@ -13,12 +13,10 @@ import numpy as np
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
-from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from ..files import reason
 from ..frames import RAS_TO_LPS
-from ..geometry.polydata import polydata
 from ..geometry.surface_file import SurfaceRecord
 from ..imaging.library_messages import silent_vtk
 from . import mesh_to_vtp
@@ -61,22 +59,16 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     header = _header(path)
     data = _read(path)
     _check_corners(path, data)
-    triangulated = vtkTriangleFilter()
-    triangulated.PassLinesOff()
-    triangulated.PassVertsOff()
     with silent_vtk():
-        triangulated.SetInputData(data)
-        triangulated.Update()
-    found = triangulated.GetOutput()
-    if not found.GetNumberOfPolys() and path.suffix.lower() == ".stl":
-        found = _lenient_stl(path)
-    if not found.GetNumberOfPolys():
+        points, triangles = triangles_in(data)
+    if not len(triangles) and path.suffix.lower() == ".stl":
+        points, triangles = _lenient_stl(path)
+    if not len(triangles):
         msg = (
             f"The file {path} holds no triangles that can be read; copy it again, or give a closed mesh as a "
             f"{path.suffix} file."
         )
         raise ValueError(msg)
-    points, triangles = triangles_in(found)
     return points * (RAS_TO_LPS if (frame or _marked_frame(data, header)) == "LPS" else 1.0), triangles
 
 
@@ -173,7 +165,7 @@ def _read(path: Path) -> vtkPolyData:
         return reader.GetOutput()
 
 
-def _lenient_stl(path: Path) -> vtkPolyData:
+def _lenient_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of an STL file of text in capitals, or behind a byte order mark, which VTK does not take for text."""
     number = rb"\s+([-+.\deE]+)"
     corners = re.findall(rb"vertex" + 3 * number, path.read_bytes(), re.IGNORECASE)
@@ -181,7 +173,7 @@ def _lenient_stl(path: Path) -> vtkPolyData:
         points = np.array(corners, dtype=float).reshape(-1, 3)
     except ValueError:
         points = np.empty((0, 3))
-    return polydata(points, np.arange(len(points) // 3 * 3).reshape(-1, 3))
+    return points, np.arange(len(points) // 3 * 3).reshape(-1, 3)
 
 
 def _marked_frame(data: vtkPolyData, header: bytes) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkFieldData, vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
 from ..files import reason
 from ..geometry.polydata import polydata
@@ -29,7 +30,7 @@ _NUMBERS = ("degrees", "knots_u", "knots_v", "control_net", "control_net_shape")
 
 
 def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
-    """Take the triangles out of VTK data that holds nothing but triangles.
+    """Take triangles out of VTK data; polygons and strips are cut into triangles.
 
     Parameters
     ----------
@@ -40,9 +41,18 @@ def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
     points : (n, 3) ndarray
         In the frame of the data.
     triangles : (m, 3) ndarray of int
+        Both are empty where the data holds neither polygons nor strips.
     """
-    triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    return vtk_to_numpy(data.GetPoints().GetData()).astype(float), triangles
+    cut = vtkTriangleFilter()
+    cut.PassLinesOff()
+    cut.PassVertsOff()
+    cut.SetInputData(data)
+    cut.Update()
+    found = cut.GetOutput()
+    if not found.GetNumberOfPolys():
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    triangles = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    return vtk_to_numpy(found.GetPoints().GetData()).astype(float), triangles
 
 
 def polydata_of_mesh(mesh: TriangleMesh, *, axes: np.ndarray = (1.0, 1.0, 1.0)) -> vtkPolyData:

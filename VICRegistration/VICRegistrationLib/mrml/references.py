@@ -170,15 +170,8 @@ def _triangles(data):
     from ..analysis.reference_meshes import ReferenceMesh
     from ..export.surface_data import triangles_in
 
-    cut = vtk.vtkTriangleFilter()
-    cut.SetInputData(data)
-    cut.PassLinesOff()
-    cut.PassVertsOff()
-    cut.Update()
-    triangles = cut.GetOutput()
-    if not triangles.GetNumberOfPolys():
-        return None
-    return ReferenceMesh(*triangles_in(triangles))
+    points, triangles = triangles_in(data)
+    return ReferenceMesh(points, triangles) if len(triangles) else None
 
 
 def _moved(reference, source, target):

@@ -241,10 +241,10 @@ def worldVolumeMl(modelNode, surface):
         Millilitres: exact under linear transforms, that of the triangles under others.
     """
     from ..export.surface_data import triangles_in
+    from ..geometry.triangles import enclosed_volume
 
     matrix = linearRelation(modelNode.GetParentTransformNode(), None)
     if matrix is not None:
         return surface.volume() * abs(np.linalg.det(matrix)) / 1000.0
     points, triangles = triangles_in(modelNode.GetPolyData())
-    a, b, c = worldPoints(modelNode, points)[triangles.T]
-    return float(abs(np.sum(a * np.cross(b, c)))) / 6000.0
+    return abs(enclosed_volume(worldPoints(modelNode, points), triangles)) / 1000.0
