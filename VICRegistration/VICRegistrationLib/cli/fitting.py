@@ -11,7 +11,6 @@ from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
 from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
-from ..imaging.volumes import SeveralVolumes
 from ..registration.organ import fit_region
 from ..registration.stacks import Stack, StackUse
 from ..registration.stages import Step
@@ -22,14 +21,14 @@ from ..segmentation.separation import separate
 from ..transactions import recover
 from .configuration import OrganRequest
 from .console import LOG
-from .images import read_with_warnings
+from .images import described, further_stacks, read_with_warnings
 from .model_results import ModelResults
 from .organ_entries import FittedOrgan, Run
 from .process import silenced_stderr
 from .references import OrganReference
 from .request_checks import check_request
 from .results_folder import restored_organs, target_files, write_results
-from .stack_entries import motion_text, stack_place
+from .stack_entries import motion_text
 from .stored_results import StoredResults, image_record, read_results
 
 # An organ as it is asked for, its region, and how long it took to find that, s.
@@ -105,7 +104,7 @@ def fit_to_folder(
     image, record, seconds_load = _loaded_image(image_path, series, frame, stored)
     if pictures or step:
         restored_organs(stored, names, image)
-    stacks = _further_stacks(requests)
+    stacks = further_stacks(each for request in requests for each in request.also)
     failed: dict[str, str] = {}
     separated = _separated_organs(image, requests, failed)
     if failed and not (keep_going and separated):
@@ -143,7 +142,7 @@ def _loaded_image(
     start = time.perf_counter()
     image, notes = read_with_warnings(path, series=series, frame=frame)
     seconds = time.perf_counter() - start
-    LOG.info(f"{path}: {_described(image)}, {seconds:.2f} s")
+    LOG.info(f"{path}: {described(image)}, {seconds:.2f} s")
     record = image_record(image, str(path), series, frame, notes)
     stored.check_image(record)
     return image, record, seconds
@@ -159,25 +158,6 @@ def _print_outcome(organ: FittedOrgan, *, step: bool) -> None:
         LOG.warning(f"{organ.name}: warning: the verdict on the surface is {word}")
     if step and organ.fit.problems:
         LOG.warning(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
-
-
-def _further_stacks(requests: Sequence[OrganRequest]) -> dict[str, Stack]:
-    """Read all further stacks once, by what names them."""
-    stacks = {}
-    for given in dict.fromkeys(each for request in requests for each in request.also):
-        path, choice = stack_place(given)
-        try:
-            image, _ = read_with_warnings(path, **choice)
-        except SeveralVolumes as error:
-            # --series and --frame are about the first image.
-            which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
-            other = ", or give a file that holds it alone" if choice else ""
-            way_out = f"Choose it with --also {path}@N, N {which}{other}."
-            msg = f"{error.found}; a further stack is one volume. {way_out}"
-            raise ValueError(msg) from error
-        LOG.info(f"{given}: {_described(image)}")
-        stacks[given] = Stack(image, given)
-    return stacks
 
 
 def _fitted_organs(
@@ -306,10 +286,3 @@ def stage_lines(name: str) -> Callable[[Step], None]:
         start = now
 
     return on_step
-
-
-def _described(image: Image) -> str:
-    """Size and spacing of an image in words."""
-    size = " x ".join(str(count) for count in image.size)
-    spacing = " x ".join(f"{step:.4g}" for step in image.spacing)
-    return f"{size} voxels of {spacing} mm"

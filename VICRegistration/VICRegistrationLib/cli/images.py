@@ -1,15 +1,20 @@
-"""The image of a fit, and what its file leaves open."""
+"""The images of a fit, and what their files leave open."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from pathlib import Path
 
 from ..imaging.image import Image
 from ..imaging.labels import few_values
 from ..imaging.reading import read_image
+from ..imaging.volumes import SeveralVolumes
+from ..registration.stacks import Stack
 from ..segmentation.checks import check_scale
 from .console import LOG
 from .process import silenced_stderr
+from .stack_entries import stack_place
 
 
 def read_with_warnings(
@@ -51,3 +56,45 @@ def read_with_warnings(
     for note in notes:
         LOG.warning(f"warning: {note}")
     return image, notes
+
+
+def further_stacks(names: Iterable[str]) -> dict[str, Stack]:
+    """Read further stacks, each once.
+
+    Parameters
+    ----------
+    names : iterable of str
+        As users name them, see :func:`.stack_entries.stack_place`.
+
+    Returns
+    -------
+    dict of str to Stack
+        By these names.
+
+    Raises
+    ------
+    ValueError
+        With a sentence for the user.
+    """
+    stacks = {}
+    for given in dict.fromkeys(names):
+        path, choice = stack_place(given)
+        try:
+            image, _ = read_with_warnings(path, **choice)
+        except SeveralVolumes as error:
+            # --series and --frame are about the first image.
+            which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
+            other = ", or give a file that holds it alone" if choice else ""
+            way_out = f"Choose it with --also {path}@N, N {which}{other}."
+            msg = f"{error.found}; a further stack is one volume. {way_out}"
+            raise ValueError(msg) from error
+        LOG.info(f"{given}: {described(image)}")
+        stacks[given] = Stack(image, given)
+    return stacks
+
+
+def described(image: Image) -> str:
+    """Size and spacing of an image in words."""
+    size = " x ".join(str(count) for count in image.size)
+    spacing = " x ".join(f"{step:.4g}" for step in image.spacing)
+    return f"{size} voxels of {spacing} mm"
