@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_organs import plain_organs
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.geometry import models
@@ -13,12 +12,13 @@ from VICRegistrationLib.geometry.space_deformation import CardinalDeformation
 from VICRegistrationLib.geometry.validity import check_surface
 from VICRegistrationLib.multipatch.carrying import CarryingMap
 from VICRegistrationLib.multipatch.joint import CENTERS, JointSpace, projected, spread_centers
+from VICRegistrationLib.multipatch.pelvis import pelvis
 from VICRegistrationLib.registration.steps import finish
 
 
 @pytest.fixture(scope="module")
 def organs():
-    return plain_organs()
+    return pelvis().parents
 
 
 @pytest.fixture(scope="module")

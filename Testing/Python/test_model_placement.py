@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_organs import plain_organs
 from scipy.spatial.transform import Rotation
 
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.multipatch.pelvis import pelvis
 from VICRegistrationLib.multipatch.placement import SolidMoments, place, transport_map
 from VICRegistrationLib.phantoms.organs import pelvic_organs
 
+PELVIS = pelvis()
 AXES = np.diag([10.0, 20.0, 30.0])
 
 
@@ -65,7 +66,7 @@ def test_a_transport_map_takes_moments_to_moments_and_turns_nothing():
 @pytest.mark.parametrize("names", [("bladder", "vagina", "rectum"), ("bladder", "vagina")])
 def test_a_model_moved_as_a_whole_is_found(names):
     expected = motion(scale=1.2, degrees=(20, -10, 15), shift=(30, -200, 90))
-    parents = plain_organs()
+    parents = PELVIS.parents
     targets = {name: SolidMoments.of_surface(parents[name].transformed(expected)) for name in names}
     found = place(parents, targets)
     # The similarity is repeated until it changes by less than 1e-5.
@@ -80,7 +81,7 @@ def test_a_model_moved_as_a_whole_is_found(names):
 
 
 def test_each_organ_s_own_map_takes_it_to_its_region():
-    parents, targets = plain_organs(), solids(motion(degrees=(5, 5, 5)))
+    parents, targets = PELVIS.parents, solids(motion(degrees=(5, 5, 5)))
     found = place(parents, targets)
     for name, target in targets.items():
         moved = SolidMoments.of_surface(parents[name].transformed(found.maps[name] @ found.matrix))
@@ -91,27 +92,27 @@ def test_each_organ_s_own_map_takes_it_to_its_region():
 @pytest.mark.parametrize(("scale", "told"), [(0.1, "0.1 times"), (10.0, "10 times")])
 def test_another_unit_is_refused(scale, told):
     with pytest.raises(ValueError, match=rf"{told} as large as the model's.*Check the unit \(mm\)"):
-        place(plain_organs(), solids(motion(scale=scale)))
+        place(PELVIS.parents, solids(motion(scale=scale)))
 
 
 @pytest.mark.parametrize("degrees", [(0, 0, 180), (60, 0, 0)], ids=["LPS", "turned"])
 def test_another_frame_is_refused(degrees):
     with pytest.raises(ValueError, match=r"turned by \d+ degrees against the model.*RAS or LPS"):
-        place(plain_organs(), solids(motion(degrees=degrees)))
+        place(PELVIS.parents, solids(motion(degrees=degrees)))
 
 
 @pytest.mark.parametrize("signs", [(1, -1, 1), (1, 1, -1)], ids=["front and back", "top and bottom"])
 def test_an_image_mirrored_front_to_back_or_upside_down_is_refused(signs):
     with pytest.raises(ValueError, match="turned by"):
-        place(plain_organs(), solids(np.diag([*signs, 1.0])))
+        place(PELVIS.parents, solids(np.diag([*signs, 1.0])))
 
 
 def test_an_image_mirrored_left_to_right_looks_like_any_patient():
     # Nothing in these organs says which side is left: the header of the image is trusted.
-    assert place(plain_organs(), solids(np.diag([-1.0, 1.0, 1.0, 1.0]))).degrees < 10.0
+    assert place(PELVIS.parents, solids(np.diag([-1.0, 1.0, 1.0, 1.0]))).degrees < 10.0
 
 
 def test_organs_that_were_exchanged_are_refused():
     found = solids()
     with pytest.raises(ValueError, match="which organ is which"):
-        place(plain_organs(), {"bladder": found["rectum"], "rectum": found["bladder"], "vagina": found["vagina"]})
+        place(PELVIS.parents, {"bladder": found["rectum"], "rectum": found["bladder"], "vagina": found["vagina"]})
