@@ -123,6 +123,7 @@ def test_attachments_slide_less_than_the_organs_own_control_points_move(fitted):
     assert 0.0 < max(sliding.values()) < 0.8
 
 
+@pytest.mark.long
 def test_the_fine_model_is_fitted_as_exactly(pelvis, pelvis_regions):
     found = finish(fit_model(pelvis.image, generic_pelvis(fine=True), pelvis_regions))
     for name, fit in found.organs.items():
