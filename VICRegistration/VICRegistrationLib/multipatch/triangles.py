@@ -6,11 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import resolution_for_chord_error
 from .model import MultiPatchModel, Patch
-from .topology import sides
+from .topology import sides, sides_by_edge
 
 # Intervals of a patch in each direction, at least and at most.
 _LEAST, _MOST = 3, 64
@@ -75,26 +77,19 @@ def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> Mode
     )
 
 
-def _counts(model: MultiPatchModel, surfaces: list[BSplineSurface], chord_error: float) -> list[tuple[int, int]]:
+def _counts(model: MultiPatchModel, surfaces: list[BSplineSurface], chord_error: float) -> np.ndarray:
     """Intervals in u and v of every patch: the same on both sides of every border, so along whole chains of patches."""
-    group: dict[object, object] = {}
-
-    def root(key: object) -> object:
-        while group.setdefault(key, key) != key:
-            key = group[key]
-        return key
-
-    needed: dict[object, int] = {}
-    for number, (patch, surface) in enumerate(zip(model.patches, surfaces)):
-        wanted = resolution_for_chord_error(surface, chord_error)
-        for axis in (0, 1):
-            needed[(number, axis)] = int(np.clip(wanted[axis], _LEAST, _MOST))
-        for side in sides(patch):
-            group[root(side.edge)] = root((number, side.axis))
-    most: dict[object, int] = {}
-    for key, count in needed.items():
-        most[root(key)] = max(most.get(root(key), 0), count)
-    return [tuple(most[root((number, axis))] for axis in (0, 1)) for number in range(len(surfaces))]
+    needed = np.array([resolution_for_chord_error(surface, chord_error) for surface in surfaces])
+    needed = np.clip(needed, _LEAST, _MOST).ravel()
+    number = {patch.name: place for place, patch in enumerate(model.patches)}
+    linked = sparse.lil_matrix((len(needed), len(needed)), dtype=bool)
+    for first, *others in sides_by_edge(model.patches).values():
+        for other in others:
+            linked[tuple(2 * number[side.patch.name] + side.axis for side in (first, other))] = True
+    _, chain = csgraph.connected_components(linked, directed=False)
+    most = np.zeros_like(needed)
+    np.maximum.at(most, chain, needed)
+    return most[chain].reshape(-1, 2)
 
 
 class _Vertices:
@@ -105,7 +100,7 @@ class _Vertices:
         self._corners: dict[int, int] = {}
         self._edges: dict[tuple[int, ...], np.ndarray] = {}
 
-    def of_patch(self, patch: Patch, surface: BSplineSurface, counts: tuple[int, int]) -> np.ndarray:
+    def of_patch(self, patch: Patch, surface: BSplineSurface, counts: np.ndarray) -> np.ndarray:
         """Numbers of the vertices of a patch, (n_u + 1, n_v + 1)."""
         axes = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, counts)]
         points = surface.grid(*axes)
