@@ -23,8 +23,6 @@ _DEEP = 0.1
 _FAR_LANDMARK = 100.0
 # Samples of a patch in each direction.
 _SAMPLES = 13
-# Chord error of the triangles of cords and sheets, mm.
-_CORD_CHORD = 0.1
 
 
 def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
@@ -121,7 +119,7 @@ def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Diagnostic
         A place of each part in each cord.
     """
-    mesh = model_triangles(model, chord_error=_CORD_CHORD)
+    mesh = model_triangles(model)
     samples = {part.name: _part_samples(model, part) for part in model.parts if part.kind != "organ"}
     for cord in model.parts:
         if cord.kind != "cord":
@@ -147,7 +145,7 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Diagnostic
         A place of each pair.
     """
-    mesh = model_triangles(model, chord_error=_CORD_CHORD)
+    mesh = model_triangles(model)
     sheets = [part.name for part in model.parts if part.kind == "sheet"]
     numbers = np.array([sheets.index(patch.part) if patch.part in sheets else -1 for patch in model.patches])
     sheet_of = numbers[mesh.patch_of]

@@ -202,8 +202,9 @@ def fit_model(
     landmarks = {name: np.asarray(point, dtype=float) for name, point in (landmarks or {}).items()}
     check_organs(model, options)
     check_names(model, landmarks)
-    found = yield from fit_organs(image, model.parents, regions, options, _stacks_of(image, further, list(regions)))
-    surfaces = {name: fit.surface for name, fit in found.fits.items()}
+    stacks = _stacks_of(image, further, list(regions))
+    fits, together, placement = yield from fit_organs(image, model.parents, regions, options, stacks)
+    surfaces = {name: fit.surface for name, fit in fits.items()}
     carry = CarryingMap(model.parents, surfaces)
     distances = {}
     if landmarks:
@@ -219,7 +220,7 @@ def fit_model(
     )
     carried = replace(carried, parts=parts)
     seconds = time.perf_counter() - start
-    return ModelFit(carried, model, found.fits, found.together, found.placement, carry, distances, seconds)
+    return ModelFit(carried, model, fits, together, placement, carry, distances, seconds)
 
 
 def _stacks_of(

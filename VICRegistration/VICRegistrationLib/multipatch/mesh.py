@@ -104,7 +104,8 @@ def _run(
     parents = list(model.parents.values())
     sizes = size_field(parents, options.size, order=options.order, volume_error=error)
     number = {patch.name: place for place, patch in enumerate(model.patches)}
-    middles = [patch.surface(model.points).points(*_middle(patch.knots))[0] for patch in model.patches]
+    surfaces = [patch.surface(model.points) for patch in model.patches]
+    middles = [surface.points(*surface.midpoints(1, 1))[0] for surface in surfaces]
     job = {
         "surface": "model.step",
         "faces": (np.array(middles) * RAS_TO_LPS).tolist(),
@@ -128,10 +129,6 @@ def fixed_sides(model: MultiPatchModel) -> list[tuple[Side, str]]:
                 if np.isin(side.edge, group).all():
                     found.setdefault((side.edge, place), (side, place))
     return list(found.values())
-
-
-def _middle(knots: tuple[np.ndarray, np.ndarray]) -> tuple[list[float], list[float]]:
-    return tuple([(axis[0] + axis[-1]) / 2.0] for axis in knots)
 
 
 def _middle_of(model: MultiPatchModel, side: Side) -> np.ndarray:

@@ -49,23 +49,6 @@ _SLIDING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class FittedOrgans:
-    """Organs of a model in an image.
-
-    Parameters
-    ----------
-    fits : dict of str to OrganFit
-    together : dict of str to BSplineSurface
-        The organs as they were deformed as one, before their own control points moved; RAS mm.
-    placement : Placement
-    """
-
-    fits: dict[str, OrganFit]
-    together: dict[str, BSplineSurface]
-    placement: Placement
-
-
-@dataclass(frozen=True, eq=False)
 class _Organ:
     """One organ while it is fitted; its whole region goes beyond the image where stacks have completed it."""
 
@@ -84,7 +67,7 @@ def fit_organs(
     regions: Mapping[str, Region],
     options: Mapping[str, FitOptions],
     stacks: Mapping[str, Sequence[Stack]],
-) -> Generator[JointStep, None, FittedOrgans]:
+) -> Generator[JointStep, None, tuple[dict[str, OrganFit], dict[str, BSplineSurface], Placement]]:
     """Fit the closed organs of a model to an image, step by step.
 
     Parameters
@@ -107,7 +90,10 @@ def fit_organs(
 
     Returns
     -------
-    FittedOrgans
+    fits : dict of str to OrganFit
+    together : dict of str to BSplineSurface
+        The organs as they were deformed as one, before their own control points moved; RAS mm.
+    placement : Placement
 
     Raises
     ------
@@ -138,7 +124,7 @@ def fit_organs(
     for name, organ in planned.items():
         steps = _completed(image, organ, outcomes[name], start=start)
         fits[name] = yield from _beside_others(steps, name, shown)
-    return FittedOrgans(fits, together, placement)
+    return fits, together, placement
 
 
 def _planned(

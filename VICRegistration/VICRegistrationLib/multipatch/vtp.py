@@ -24,7 +24,7 @@ from .model import MultiPatchModel
 from .triangles import model_triangles
 
 
-def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike, *, chord_error: float = 0.1) -> None:
+def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike) -> None:
     """Write the triangles of a model as a VTP file.
 
     Parameters
@@ -32,17 +32,14 @@ def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike, *, chord_er
     model : MultiPatchModel
     path : path
         File to write; its folder must exist.
-    chord_error : float
-        Largest distance between triangles and surface, mm.
 
     Raises
     ------
-    ValueError
-        If the chord error is not positive.
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    data = model_polydata(model, axes=RAS_TO_LPS, chord_error=chord_error)
+    mesh = model_triangles(model)
+    data = _named(model, mesh.points * RAS_TO_LPS, mesh.triangles, mesh.patch_of)
     add_text(data, "SPACE", "LPS")
     text = xml_text(vtkXMLPolyDataWriter(), data)
     with replacing(path) as draft:
@@ -57,43 +54,19 @@ def holds_patches(path: str | os.PathLike) -> bool:
         return False
 
 
-def model_polydata(
-    model: MultiPatchModel, *, axes: np.ndarray = (1.0, 1.0, 1.0), chord_error: float = 0.1
-) -> vtkPolyData:
-    """Triangles of a model, with the arrays above, as VTK data.
-
-    Parameters
-    ----------
-    model : MultiPatchModel
-    axes : (3,) array_like
-        Signs that points are multiplied by: (-1, -1, 1) for LPS.
-    chord_error : float
-        Largest distance between triangles and surface, mm.
-
-    Returns
-    -------
-    vtkPolyData
-        Neighbouring patches share vertices.
-    """
-    mesh = model_triangles(model, chord_error=chord_error)
-    return _named(model, mesh.points * np.asarray(axes), mesh.triangles, mesh.patch_of)
-
-
-def part_polydata(model: MultiPatchModel, *, chord_error: float = 0.1) -> dict[str, vtkPolyData]:
+def part_polydata(model: MultiPatchModel) -> dict[str, vtkPolyData]:
     """Triangles of every part by itself, with the arrays above, as VTK data.
 
     Parameters
     ----------
     model : MultiPatchModel
-    chord_error : float
-        Largest distance between triangles and surface, mm.
 
     Returns
     -------
     dict of str to vtkPolyData
         By the parts' names, RAS mm.
     """
-    mesh = model_triangles(model, chord_error=chord_error)
+    mesh = model_triangles(model)
     found = {}
     for part in model.parts:
         rows = mesh.of(model.patches_of(part.name))
