@@ -62,7 +62,7 @@ def organ(fit):
     compared = compared_organ(
         "bladder", fit.surface, ReadReference(ellipsoid(), "surface"), Path("truth.json"), points=99
     )
-    return ReportedOrgan("bladder", fit, seeds=SEEDS, seconds=0.3, compared=compared)
+    return ReportedOrgan("bladder", fit, "good", seeds=SEEDS, seconds=0.3, compared=compared)
 
 
 # ------------------------------------------------------------------ slices
@@ -299,7 +299,7 @@ def test_any_name_can_be_drawn(tmp_path, image, organ, name):
 
 
 def test_the_header_says_what_to_look_at(organ):
-    assert pictures.alarm(organ) == pictures.alarm(replace(organ, verdict="good")) == ""
+    assert pictures.alarm(organ) == ""
     assert pictures.alarm(replace(organ, verdict="poor")) == "poor"
     cut_off = replace(organ.fit, converged=False, region=replace(organ.fit.region, touches_border=("k-",)))
     told = pictures.alarm(replace(organ, fit=cut_off, warnings=("one", "two")))

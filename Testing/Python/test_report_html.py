@@ -95,7 +95,7 @@ def fit(small_fit):
 @pytest.fixture(scope="module")
 def plain(fit):
     """Without anything that is optional."""
-    return ReportedOrgan("bladder", fit, seeds=[tuple(CENTER)], seconds=0.25)
+    return ReportedOrgan("bladder", fit, "good", seeds=[tuple(CENTER)], seconds=0.25)
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +110,7 @@ def full(fit):
     return ReportedOrgan(
         NASTY,
         SimpleNamespace(**{**fields, **told}),
+        "check",
         seeds=[tuple(CENTER)],
         seconds=0.25,
         asked=("threshold",),
@@ -198,8 +199,8 @@ def test_the_verdict_is_the_first_line_of_a_section_and_in_the_overview(plain, i
         assert words[last + 2].startswith(": ")
         assert "Look at these" in words[last + 3]
     assert parsed.words[parsed.words.index("organ") + 1] == "verdict"
-    # An organ that nobody has judged has none.
-    assert not [attributes for _, attributes in parsed.all("p") if "verdict" in attributes.get("class", "")]
+    told = [attributes["class"] for _, attributes in parsed.all("p") if "verdict" in attributes.get("class", "")]
+    assert told == ["verdict check", "verdict good"]
 
 
 def test_warnings_are_told_word_by_word_before_the_result(parsed):

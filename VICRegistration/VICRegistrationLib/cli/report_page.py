@@ -95,7 +95,7 @@ def _reported(organ: FittedOrgan, reference: OrganReference | None) -> ReportedO
         compared = compared_organ(organ.name, organ.fit.surface, reference.read, reference.path)
         warnings += [f"Comparison with the reference: {warning}" for warning in compared.warnings]
     how = {"seeds": organ.request.seeds, "seconds": organ.seconds, "asked": list(organ.given)}
-    return ReportedOrgan(organ.name, organ.fit, warnings=warnings, compared=compared, verdict=organ.verdict.word, **how)
+    return ReportedOrgan(organ.name, organ.fit, organ.verdict.word, warnings=warnings, compared=compared, **how)
 
 
 def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[str, str]]:

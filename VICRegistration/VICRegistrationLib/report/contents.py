@@ -126,6 +126,8 @@ class ReportedOrgan:
     name : str
         Decides the colour, too.
     fit : OrganFit
+    verdict : {"good", "check", "poor"}
+        How far the fit can be trusted.
     seeds : sequence of (r, a, s)
         RAS mm.
     seconds : float
@@ -136,18 +138,16 @@ class ReportedOrgan:
         What to look at before the surface is used, a sentence each.
     compared : ComparedOrgan, optional
         If there is a reference.
-    verdict : {"good", "check", "poor", ""}
-        How far the fit can be trusted; empty if that was not computed.
     """
 
     name: str
     fit: OrganFit
+    verdict: str
     seeds: Sequence[Sequence[float]] = ()
     seconds: float = 0.0
     asked: Sequence[str] = ()
     warnings: Sequence[str] = ()
     compared: ComparedOrgan | None = None
-    verdict: str = ""
 
 
 @dataclass(frozen=True, eq=False)

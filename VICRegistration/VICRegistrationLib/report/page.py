@@ -118,9 +118,9 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
         "name": organ.name,
         "warnings": organ.warnings,
         "verdict": organ.verdict,
-        "verdict_words": _VERDICTS.get(organ.verdict, ""),
+        "verdict_words": _VERDICTS[organ.verdict],
         "overview": (
-            organ.verdict or "none",
+            organ.verdict,
             volume_text(organ.fit.surface.volume() / 1000.0, fit.confidence),
             f"{fit.surface.area() / 100.0:.1f} cm²",
             "yes" if fit.converged else "no",

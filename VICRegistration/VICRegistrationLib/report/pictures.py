@@ -298,7 +298,7 @@ def _draw_stages(axes, names: list) -> None:
 def alarm(organ: ReportedOrgan) -> str:
     """Say in a few words what to look at before trusting a surface; empty if nothing is known to be wrong."""
     fit, count = organ.fit, len(organ.warnings)
-    parts = [] if organ.verdict in ("", "good") else [organ.verdict]
+    parts = [] if organ.verdict == "good" else [organ.verdict]
     parts += [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
     whole = fit.whole_region or fit.region
