@@ -169,11 +169,12 @@ def test_what_was_chosen_is_in_the_report_with_its_reason(report):
     assert chosen["tau"][1][0]["values"]["pixels"] == pytest.approx(organ["options"]["tau"] / 1.2, abs=1.0)
 
 
-def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path):
+def test_boundary_points_and_a_dilation_reach_the_fit(image_path, tmp_path, capsys):
     # The organ's wall lies 14 mm to the right of its centre.
     words = ("--boundary", f"{CENTER[0] + 18.0},8,-20", "--boundary=-12,8,3", "--erosion", "2", "--dilation", "1.2")
-    common = ("--organ", "b", "--seed", SEED, "--output", tmp_path, "--no-pictures", "--quiet")
+    common = ("--organ", "b", "--seed", SEED, "--output", tmp_path, "--no-pictures")
     assert fit(image_path, *common, *words) == 0
+    assert "b: 2 boundary points, up to 0." in capsys.readouterr().err
     organ = json.loads((tmp_path / "report.json").read_text())["organs"]["b"]
     assert organ["boundary"] == [[6.0, 8.0, -20.0], [-12.0, 8.0, 3.0]]
     np.testing.assert_allclose(organ["boundary_deviation_mm"], 0.0, atol=0.2)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from small_phantom import CENTER
 
+import VICRegistrationLib as vic
 from VICRegistrationLib.messages import Diagnostic
 from VICRegistrationLib.registration.diagnostics import border_sides, fit_diagnostics
+from VICRegistrationLib.registration.verdict import verdict_of
 
 
 def test_a_sound_fit_gives_no_warning(small_image, small_fit):
@@ -29,6 +32,19 @@ def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side(small_ima
     assert told.values["side"] == border_sides(image, replace(found.region, touches_border=("k+",)))[0]
     # A larger net leaves thin parts out as well.
     assert "place points on the wall" in told.sentence()
+
+
+def test_a_boundary_point_where_the_image_shows_no_edge_is_told(small_image, small_fit):
+    # On the wall at the left, and 5 mm outside of it at the front, in the middle of what lies around the lumen.
+    points = CENTER + np.array([[-14.0, 0.0, 0.0], [0.0, 23.0, 0.0]])
+    found = vic.refit(small_image, small_fit.surface, small_fit.options, boundary_points=points)
+    told = [
+        diagnostic for diagnostic in fit_diagnostics(small_image, found) if diagnostic.code == "points_without_edge"
+    ]
+    assert told == [Diagnostic("points_without_edge", {"count": 1, "points": 2})]
+    assert verdict_of(found, told).word == "check"
+    found = vic.refit(small_image, small_fit.surface, small_fit.options, boundary_points=points[:1])
+    assert fit_diagnostics(small_image, found) == []
 
 
 def test_the_sides_of_the_border_are_those_of_the_patient(small_image, small_fit):

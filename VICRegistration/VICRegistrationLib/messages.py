@@ -121,6 +121,10 @@ SENTENCES = {
         "The surface follows no edge on {share:.0%} of its area, mostly at its {side} side; what holds it there is the "
         "shape that the fit began with. Look at the contour there, and place points on the wall where you know it."
     ),
+    "points_without_edge": _(
+        "The image shows no edge at {count} of the {points} boundary points; the surface passes there for the points "
+        "alone. Look at the contour there, and remove a point that is not on the wall of this organ."
+    ),
     "volume_differs": _(
         "The surface holds {surface_ml:.1f} ml, but the separated region {region_ml:.1f} ml; look at the contour, and "
         "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."

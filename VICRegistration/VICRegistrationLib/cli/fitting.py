@@ -11,6 +11,7 @@ from ..files import check_writable, keep_inputs
 from ..imaging.image import Image
 from ..imaging.labels import read_label
 from ..imaging.region import Region, region_from_label
+from ..registration.boundary_points import boundary_deviations
 from ..registration.organ import fit_region
 from ..registration.stacks import Stack, StackUse
 from ..registration.stages import Step
@@ -151,6 +152,10 @@ def _loaded_image(
 def _print_outcome(organ: FittedOrgan, *, step: bool) -> None:
     """Say what came of an organ's fit, and what is to be looked at."""
     word = organ.verdict.word
+    if points := organ.request.boundary:
+        away = max(map(abs, boundary_deviations(organ.fit.surface, points)))
+        count = f"{len(points)} boundary point{'s' if len(points) > 1 else ''}"
+        LOG.info(f"{organ.name}: {count}, up to {away:.2f} mm from the surface")
     LOG.info(f"{organ.name}: {organ.fit.surface.volume() / 1000.0:.1f} ml, verdict {word}")
     for diagnostic in organ.diagnostics:
         LOG.warning(f"{organ.name}: warning: {diagnostic.sentence()}")

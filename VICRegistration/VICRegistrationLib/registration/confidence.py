@@ -73,13 +73,19 @@ class Confidence:
 
     def standard_deviation(self, parameters: np.ndarray) -> np.ndarray:
         """Interpolate the standard deviation of the surface along its normal at (u, v), (n, 2): (n,) mm."""
-        shape = self.deviations.shape
+        return self._interpolated(self.deviations, parameters)
+
+    def follows_edge(self, parameters: np.ndarray) -> np.ndarray:
+        """Whether the surface follows an edge at (u, v), (n, 2): (n,) of bool."""
+        return self._interpolated(self.supports, parameters) >= _LEAST_SUPPORT
+
+    def _interpolated(self, values: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         places = [
             (np.asarray(parameters)[:, axis] - low) / (high - low) * count - 0.5
-            for axis, ((low, high), count) in enumerate(zip(self.surface.domain, shape))
+            for axis, ((low, high), count) in enumerate(zip(self.surface.domain, values.shape))
         ]
         # Closed in u; beyond the last samples lie the poles.
-        padded = np.concatenate([self.deviations[-1:], self.deviations, self.deviations[:1]])
+        padded = np.concatenate([values[-1:], values, values[:1]])
         return ndimage.map_coordinates(padded, [places[0] + 1.0, places[1]], order=1, mode="nearest")
 
     @property

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from ..geometry.projection import closest_points
 from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
 from ..imaging.region import Region
@@ -33,7 +36,8 @@ def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
         Empty if nothing is known to be wrong.
     """
     region = [] if fit.region is None else region_diagnostics(image, fit.whole_region or fit.region)
-    return [*_invalid(fit), *_unconverged(fit), *region, *_without_edge(fit), *_unlike_region(fit), *_stacks(fit)]
+    shown = [*_without_edge(fit), *_points_without_edge(fit)]
+    return [*_invalid(fit), *_unconverged(fit), *region, *shown, *_unlike_region(fit), *_stacks(fit)]
 
 
 def _stacks(fit: OrganFit) -> list[Diagnostic]:
@@ -112,6 +116,16 @@ def _without_edge(fit: OrganFit) -> list[Diagnostic]:
     elif share >= _LEAST_WITHOUT_EDGE:
         found.append(Diagnostic("no_edge_in_places", {"share": share}))
     return found
+
+
+def _points_without_edge(fit: OrganFit) -> list[Diagnostic]:
+    """Boundary points that the image contradicts: a point on another organ takes the surface there too."""
+    points = len(fit.boundary_points)
+    if not points:
+        return []
+    followed = fit.confidence.follows_edge(closest_points(fit.surface, fit.boundary_points).parameters)
+    count = points - int(np.count_nonzero(followed))
+    return [Diagnostic("points_without_edge", {"count": count, "points": points})] if count else []
 
 
 def _unlike_region(fit: OrganFit) -> list[Diagnostic]:

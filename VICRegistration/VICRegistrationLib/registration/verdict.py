@@ -17,7 +17,7 @@ GOOD, CHECK, POOR = VERDICTS = ("good", "check", "poor")
 _CHECK_SHARE, _POOR_SHARE = 0.28, 0.65
 _CHECKED = (
     *("starts_differ", "region_larger_than_seen", "no_further_step", "still_moving", "part_left_out"),
-    *("held_closer", "surface_kept", "segmentation_in_pieces", "ends_at_level"),
+    *("held_closer", "surface_kept", "segmentation_in_pieces", "ends_at_level", "points_without_edge"),
 )
 _POOR = ("invalid_surface", "no_clear_edge", "volume_differs")
 _SHARES = ("no_edge_in_places", "no_edge_at_side")

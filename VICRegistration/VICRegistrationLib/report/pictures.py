@@ -274,7 +274,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
             axes.axvline(iterations[0] - 0.5, color="#c9ced6", linewidth=0.9, zorder=0)
     axes.margins(x=0.02)
     axes.xaxis.get_major_locator().set_params(integer=True)
-    title = "Convergence: each stage has an image, a cost and a unit of its own"
+    title = "Convergence (the costs of two stages cannot be compared)"
     finish_axes(axes, x="iteration", y="cost (mean squared residual / contrast²)", title=title)
     _draw_stages(axes, names)
 
