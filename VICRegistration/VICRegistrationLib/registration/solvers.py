@@ -15,9 +15,6 @@ from .banded_matrix import BandedMatrix
 from .cost import Objective, Samples
 from .sample_grid import Frame
 
-# A step that turns the surface's normals further than this mean cosine would fold it.
-_MINIMUM_COSINE = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
@@ -170,13 +167,8 @@ def _share(decrease: float, value: float) -> float:
 
 
 def _keeps_orientation(before: Sequence[Samples], after: Sequence[Samples]) -> bool:
-    """Whether a step leaves no surface mirrored (det R > 0) or turned inside out."""
-    for one, other in ((a.frame, b.frame) for a, b in zip(before, after)):
-        cosine = np.einsum("nk,nk->n", one.normals, other.normals)
-        # A flattened organ can come out mirrored without its normals turning far, so that they are not enough.
-        if not (cosine.mean() > _MINIMUM_COSINE and _content(one) * _content(other) > 0.0):
-            return False
-    return True
+    """Whether a step leaves no surface mirrored (det R > 0)."""
+    return all(_content(one.frame) * _content(other.frame) > 0.0 for one, other in zip(before, after))
 
 
 def _content(frame: Frame) -> float:
