@@ -42,7 +42,7 @@ triangles, in .inp files shell elements with their thickness.
 
 examples:
   vic-registration mesh bladder.json --size 3 --output bladder.msh
-  vic-registration mesh bladder.json vagina.json rectum.json --wall 2 --order 2 --output pelvis.inp
+  vic-registration mesh bladder.json vagina.json rectum.json --wall 1.5 --order 2 --output pelvis.inp
   vic-registration mesh organs/model.json --output pelvis.inp
   vic-registration mesh bladder.json --surface --size 2 --output bladder_2mm.stl
 """
