@@ -122,7 +122,7 @@ SENTENCES = {
         "shape that the fit began with. Look at the contour there, and place points on the wall where you know it."
     ),
     "points_without_edge": _(
-        "The image shows no edge at {count} of the {points} boundary points; the surface passes there for the points "
+        "The image shows no edge at {count} of {points} boundary points; the surface passes there for the points "
         "alone. Look at the contour there, and remove a point that is not on the wall of this organ."
     ),
     "volume_differs": _(
