@@ -77,22 +77,19 @@ def test_a_stack_that_is_moved_too_far_is_left_out_and_why_is_told(sagittal, tru
     assert np.array_equal(found.surface.control_net, alone.surface.control_net)
 
 
-@pytest.mark.parametrize(
-    ("levels", "factor"), [((100.0, 800.0, 400.0), 1.0), ((800.0, 100.0, 400.0), 0.01)], ids=["inverted", "scaled"]
-)
-def test_a_stack_of_another_contrast_or_scale_is_used(sagittal, truth, alone, levels, factor):
+def test_a_stack_of_another_contrast_and_scale_is_used(sagittal, truth, alone):
+    levels = (100.0, 800.0, 400.0)
     image = stack_of(truth, "coronal", motion=MOTION, levels=levels, noise=0.0, seed=3, **GRID)
     grain = np.random.default_rng(4).normal(0.0, 16.0, image.array.shape)
-    found = vic.fit(sagittal, SEEDS, further=[vic.Image(factor * (image.array + grain), image.ijk_to_ras)])
+    found = vic.fit(sagittal, SEEDS, further=[vic.Image(0.01 * (image.array + grain), image.ijk_to_ras)])
     assert found.stacks[0].used
     assert error(found.surface, truth) < error(alone.surface, truth)
 
 
-@pytest.mark.parametrize("noise", [50.0, 100.0])
-def test_a_stack_with_much_more_noise_counts_less(sagittal, truth, alone, noise):
-    found = vic.fit(sagittal, SEEDS, further=[stack_of(truth, "axial", motion=MOTION, seed=2, noise=noise, **GRID)])
+def test_a_stack_with_ten_times_the_noise_counts_less(sagittal, truth, alone):
+    found = vic.fit(sagittal, SEEDS, further=[stack_of(truth, "axial", motion=MOTION, seed=2, noise=100.0, **GRID)])
     assert found.stacks[0].used
-    # Measured: 0.023 and 0.036 mm, and 0.023 mm from one stack alone.
+    # Measured: 0.036 mm, and 0.023 mm from one stack alone.
     assert error(found.surface, truth) < error(alone.surface, truth) + 0.02
 
 
