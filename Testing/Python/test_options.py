@@ -16,10 +16,8 @@ from VICRegistrationLib.cli.fit_command import option_table
 from VICRegistrationLib.geometry import models
 from VICRegistrationLib.geometry.parametrization import CLOSURES
 from VICRegistrationLib.registration import options as module
-from VICRegistrationLib.registration.cost import LOSSES
 from VICRegistrationLib.registration.options import MAX_ITERATIONS, OPTIONS, FitOptions
 from VICRegistrationLib.registration.solvers import SOLVERS
-from VICRegistrationLib.registration.virtual_image import LEVEL_MODES
 
 ROOT = Path(__file__).resolve().parents[2]
 # A value of each option that is not its default, as it is typed, and as the library has it.
@@ -141,8 +139,7 @@ def test_what_a_fit_has_found_may_lie_beyond_the_ranges():
 
 
 def test_words_are_those_that_the_library_knows():
-    known = {"closure": CLOSURES, "solver": tuple(SOLVERS), "levels": LEVEL_MODES, "loss": LOSSES}
-    known["model"] = tuple(models.GENERIC_MODELS)
+    known = {"closure": CLOSURES, "solver": tuple(SOLVERS), "model": tuple(models.GENERIC_MODELS)}
     for name, words in known.items():
         assert tuple(OPTIONS[name].choices) == words
     assert set(MAX_ITERATIONS) == set(SOLVERS)

@@ -223,18 +223,3 @@ def test_a_ball_in_thick_slices_is_fitted_without_bias_by_partial_volumes():
     # Blur moves a curved edge by (tr C) (2/3) / (2 R) = 0.07 mm inward; net and bending hold the fit as well.
     assert -0.09 < np.mean(bias["ramp"]) < -0.04
     assert abs(np.mean(bias["partial volumes"])) < 0.03
-
-
-# ------------------------------------------------------------------ bad choices
-
-
-@pytest.mark.parametrize(
-    ("choice", "message"),
-    [
-        ({"solver": "newton"}, "The solver 'newton' was asked for; choose one of gauss-newton, gradient-descent"),
-        ({"stop_rule": "cost"}, "The stop rule 'cost' was asked for; choose one of displacement, parameters"),
-    ],
-)
-def test_unknown_names_are_refused(ball_sampler, choice, message):
-    with pytest.raises(ValueError, match=message):
-        stage_on(ball_sampler, **choice)

@@ -18,7 +18,6 @@ from scipy.sparse import linalg as sparse_linalg
 
 from . import bspline
 from .centreline import Centreline, centreline
-from .parametrization import CLOSURES
 from .parametrization import closed_organ as closed_organ_parametrization
 from .surface import BSplineSurface
 
@@ -275,9 +274,6 @@ def _unit_sphere(rows: int, columns: int, degrees: tuple[int, int], closure: str
 
 
 def _check_net(rows: int, columns: int, degrees: tuple[int, int], closure: str) -> None:
-    if closure not in CLOSURES:
-        msg = f"The closure {closure!r} was asked for; choose one of {', '.join(CLOSURES)}."
-        raise ValueError(msg)
     # With fewer rows the seam's midpoints fall onto the axis of the tube.
     needed_rows = max(degrees[0] + 2, 4) if closure == "smooth" else max(degrees[0] + 1, 6)
     needed_columns = max(degrees[1] + 1, 4 if closure == "smooth" else 5)

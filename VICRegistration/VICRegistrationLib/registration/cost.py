@@ -23,7 +23,6 @@ from ..imaging.sampling import Sampler
 from .sample_grid import Frame, SampledSurface
 from .virtual_image import VirtualImage
 
-LOSSES = ("squares", "huber")
 # Residuals beyond so many scales count by their size, not by its square.
 _HUBER = 2.0
 # Scaled median absolute deviation of a normal distribution.

@@ -33,13 +33,6 @@ def levels_of_region(target: RegionImage, sampler: Sampler, reach: float, option
     return float(np.median(inside)), float(np.median(outside))
 
 
-def levels_beside(surface: BSplineSurface, sampler: Sampler, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface; given levels where the user gave them."""
-    if options.levels == "given":
-        return options.inside, options.outside
-    return measured_levels(surface, sampler, options.tau)
-
-
 def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tuple[float, float]:
     """Find typical grey levels just inside and just outside of a surface.
 

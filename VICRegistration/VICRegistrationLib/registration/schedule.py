@@ -13,7 +13,7 @@ from ..imaging.image import Image
 from ..imaging.moments import Moments
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
-from .levels import levels_beside, levels_of_region
+from .levels import levels_of_region, measured_levels
 from .options import MAX_ITERATIONS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .partial_volumes import PartialVolumes
 from .region_image import RegionImage, region_image
@@ -149,7 +149,8 @@ class Schedule:
         reach = 4.0 * (options.tau or MOST_TAU_PIXELS * pixel)
         sampler = Sampler(image.crop_around(net if points is None else np.concatenate([net, points]), reach))
         options = _as_to_start(options, pixel)
-        levels = levels_beside(surface, sampler, options)
+        given = options.levels == "given"
+        levels = (options.inside, options.outside) if given else measured_levels(surface, sampler, options.tau)
         return cls(sampler, PartialVolumes(sampler.image), image.ijk_to_ras[:3, :3], *levels, options)
 
     def chosen(self, *, anchor: float | None = None, **options) -> Schedule:

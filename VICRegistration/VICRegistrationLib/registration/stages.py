@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
-from .cost import LOSSES, Correlation, Objective
+from .cost import Correlation, Objective
 from .sample_grid import Frame, SampledSurface
 from .solvers import SOLVERS, Iterate
 from .virtual_image import VirtualImage
@@ -123,14 +123,6 @@ class Stage:
     max_iterations: int = 50
     largest_step: float = 10.0
     further: tuple[FurtherImage, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check the choices."""
-        for name, choices in (("solver", SOLVERS), ("stop rule", STOP_RULES), ("loss", LOSSES)):
-            found = getattr(self, name.replace(" ", "_"))
-            if found not in choices:
-                msg = f"The {name} {found!r} was asked for; choose one of {', '.join(choices)}."
-                raise ValueError(msg)
 
     def correlation(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> Correlation:
         """Make the correlation of a surface with the image of this stage, with shares of the lines' weights."""

@@ -16,7 +16,6 @@ from scipy import ndimage
 
 from ..geometry.surface import BSplineSurface
 
-LEVEL_MODES = ("local", "organ", "given")
 # Where the levels are read off a normal line, in units of the ramp's width. Inside, only beyond the whole ramp:
 # nearer to the surface the blurred edge darkens the plateau, and the surface would settle too far out. Outside, close
 # together and from within the ramp on: a wall may be no thicker than the edge is wide.
@@ -92,7 +91,7 @@ class IntensityProfile:
     Raises
     ------
     ValueError
-        If the width is not positive, a number is not finite or the ramp is unknown.
+        If the width is not positive or a number is not finite.
 
     Notes
     -----
@@ -119,9 +118,6 @@ class IntensityProfile:
                 "A profile from {:g} to {:g} over {:g} mm was given; finite grey levels and a positive width are "
                 "needed.".format(*levels, self.width)
             )
-            raise ValueError(msg)
-        if self.ramp not in RAMPS:
-            msg = f"The ramp {self.ramp!r} was asked for; choose one of {', '.join(RAMPS)}."
             raise ValueError(msg)
 
     def value(self, distance: np.ndarray) -> np.ndarray:
@@ -201,7 +197,7 @@ class VirtualImage:
     Raises
     ------
     ValueError
-        If the mode is unknown or both levels are the same.
+        If both levels are the same.
     """
 
     profile: IntensityProfile
@@ -210,10 +206,7 @@ class VirtualImage:
     partial_volumes: Callable[..., Shares] | None = None
 
     def __post_init__(self) -> None:
-        """Check the choices."""
-        if self.mode not in LEVEL_MODES:
-            msg = f"The level mode {self.mode!r} was asked for; choose one of {', '.join(LEVEL_MODES)}."
-            raise ValueError(msg)
+        """Check the levels."""
         if self.profile.inside == self.profile.outside:
             msg = (
                 f"The grey level {self.profile.inside:g} was given for both sides of the surface; two different levels "
