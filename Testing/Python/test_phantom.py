@@ -135,37 +135,6 @@ class TestVolumeFractions:
         np.testing.assert_array_equal(points, before[0])
         np.testing.assert_array_equal(triangles, before[1])
 
-    def test_an_open_surface_is_refused(self):
-        points, triangles = box((0, 0, 0), (2, 2, 2))
-        with pytest.raises(ValueError, match="3 open edges; a closed surface is needed"):
-            volume_fractions(points, triangles[1:], (5, 5, 5), np.eye(4))
-
-    def test_a_surface_of_nothing_is_refused(self):
-        with pytest.raises(ValueError, match="at least one"):
-            volume_fractions(np.zeros((0, 3)), np.zeros((0, 3), int), (5, 5, 5), np.eye(4))
-
-    def test_a_point_that_is_not_finite_is_refused(self):
-        points, triangles = box((0, 0, 0), (2, 2, 2))
-        points[0, 0] = np.nan
-        with pytest.raises(ValueError, match="not finite"):
-            volume_fractions(points, triangles, (5, 5, 5), np.eye(4))
-
-    def test_a_triangle_without_its_point_is_refused(self):
-        points, triangles = box((0, 0, 0), (2, 2, 2))
-        with pytest.raises(ValueError, match="missing point"):
-            volume_fractions(points[:-1], triangles, (5, 5, 5), np.eye(4))
-
-    def test_a_singular_matrix_is_refused(self):
-        points, triangles = box((0, 0, 0), (2, 2, 2))
-        with pytest.raises(ValueError, match="invertible 4x4 matrix"):
-            volume_fractions(points, triangles, (5, 5, 5), np.diag([1.0, 1.0, 0.0, 1.0]))
-
-    @pytest.mark.parametrize("shape", [(5, 5), (5, 0, 5), (5.0, 5, 5)])
-    def test_a_shape_that_is_none_is_refused(self, shape):
-        points, triangles = box((0, 0, 0), (2, 2, 2))
-        with pytest.raises(ValueError, match="three whole numbers above 0"):
-            volume_fractions(points, triangles, shape, np.eye(4))
-
 
 class TestPaint:
     def test_a_voxel_that_is_half_full_gets_the_mean_of_both_levels(self):
@@ -192,10 +161,6 @@ class TestPaint:
         paint(base, [(np.ones(base.shape), 5.0)])
         assert not base.any()
 
-    def test_a_layer_on_another_grid_is_refused(self):
-        with pytest.raises(ValueError, match="Layer 2 has fractions of shape"):
-            paint(np.zeros((2, 2, 2)), [(np.ones((2, 2, 2)), 1.0), (np.ones((2, 2, 3)), 1.0)])
-
 
 class TestCoilBias:
     def test_the_gain_falls_off_as_a_gaussian_of_the_distance_in_mm(self):
@@ -206,11 +171,6 @@ class TestCoilBias:
         distance = np.linalg.norm(place[:3] - center)
         expected = 50 * (1 + 0.4 * np.exp(-0.5 * (distance / width) ** 2))
         assert image[3, 2, 5] == pytest.approx(expected, rel=1e-5)
-
-    @pytest.mark.parametrize(("strength", "width"), [(0.3, 0.0), (0.3, np.nan), (-1.0, 50.0)])
-    def test_a_field_that_makes_no_sense_is_refused(self, strength, width):
-        with pytest.raises(ValueError, match="The coil bias has width"):
-            add_coil_bias(np.ones((2, 2, 2)), np.eye(4), strength=strength, center=(0, 0, 0), width=width)
 
 
 class TestRicianNoise:
@@ -232,10 +192,6 @@ class TestRicianNoise:
     def test_no_noise_leaves_the_image_as_it_is(self):
         image = np.arange(60, dtype=np.float32).reshape(3, 4, 5)
         np.testing.assert_array_equal(add_rician_noise(image, sigma=0.0, seed=1), image)
-
-    def test_a_negative_level_is_refused(self):
-        with pytest.raises(ValueError, match="noise level is -1"):
-            add_rician_noise(np.ones((2, 2, 2)), sigma=-1, seed=1)
 
 
 class TestSmoothRandomField:
@@ -261,12 +217,3 @@ class TestSmoothRandomField:
         )
         np.testing.assert_array_equal(first, again)
         assert np.abs(first - other).max() > 0.5
-
-    @pytest.mark.parametrize("correlation_mm", [0.0, -3.0, 0.1, np.nan])
-    def test_a_length_below_the_voxel_is_refused(self, correlation_mm):
-        with pytest.raises(ValueError, match="at least the smallest voxel side"):
-            smooth_random_field((4, 5, 6), (1.0, 1.0, 4.0), correlation_mm=correlation_mm, seed=1)
-
-    def test_a_single_voxel_is_refused(self):
-        with pytest.raises(ValueError, match="at least two voxels"):
-            smooth_random_field((1, 1, 1), (1.0, 1.0, 4.0), correlation_mm=6.0, seed=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,18 +42,9 @@ def volume_fractions(
     -------
     (nk, nj, ni) float32 array
         Values from 0 (outside) to 1 (inside).
-
-    Raises
-    ------
-    ValueError
-        If the surface is empty, not finite or not closed, the matrix is singular, or a size is not positive.
     """
-    points, triangles = _checked_mesh(points, triangles)
-    matrix = checked_matrix(ijk_to_ras)
-    shape = positive_integers(shape, "image shape (nk, nj, ni)")
-    parts = np.array(positive_integers(supersampling, "supersampling (sk, sj, si)")[::-1])
-
-    ijk = np.linalg.solve(matrix[:3, :3], (points - matrix[:3, 3]).T).T
+    parts = np.array(supersampling[::-1])
+    ijk = np.linalg.solve(ijk_to_ras[:3, :3], (points - ijk_to_ras[:3, 3]).T).T
     fractions = np.zeros(shape, dtype=np.float32)
     first = np.maximum(np.floor(ijk.min(axis=0) + 0.5), 0).astype(int)
     last = np.minimum(np.floor(ijk.max(axis=0) + 0.5), np.array(shape[::-1]) - 1).astype(int)
@@ -153,54 +144,3 @@ def _block_sums(samples: np.ndarray, parts: np.ndarray) -> np.ndarray:
     per_column = samples.sum(axis=0, dtype=np.uint32)
     per_row = sum(per_column[offset :: parts[1]] for offset in range(parts[1]))
     return sum(per_row[:, offset :: parts[0]] for offset in range(parts[0]))
-
-
-def _checked_mesh(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return float points and int64 triangles, or raise ValueError if they are no closed surface."""
-    points, triangles = np.asarray(points, dtype=float), np.asarray(triangles)
-    shaped = points.ndim == triangles.ndim == 2 and points.shape[1] == triangles.shape[1] == 3
-    if not shaped or not len(triangles) or not np.issubdtype(triangles.dtype, np.integer):
-        msg = (
-            f"The mesh has points of shape {points.shape} and triangles of shape {triangles.shape} and type "
-            f"{triangles.dtype}; (n, 3) points and at least one (m, 3) integer triangle are needed; "
-            "pass the vertices and triangles of a closed surface."
-        )
-        raise ValueError(msg)
-    if not np.isfinite(points).all() or triangles.min() < 0 or triangles.max() >= len(points):
-        msg = (
-            f"The mesh of {len(points)} points has a coordinate that is not finite or a triangle that "
-            "names a missing point; finite points and vertex numbers within them are needed; repair the mesh."
-        )
-        raise ValueError(msg)
-    triangles = triangles.astype(np.int64)
-    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    _, uses = np.unique(edges[:, 0] * len(points) + edges[:, 1], return_counts=True)
-    open_edges = int(np.count_nonzero(uses % 2))
-    if open_edges:
-        msg = (
-            f"The mesh has {open_edges} open edges; a closed surface is needed, which has an inside; "
-            "merge its duplicate points or fill its holes."
-        )
-        raise ValueError(msg)
-    return points, triangles
-
-
-def checked_matrix(ijk_to_ras: np.ndarray) -> np.ndarray:
-    """Return a float matrix, or raise ValueError if it is no invertible 4x4 matrix."""
-    matrix = np.asarray(ijk_to_ras, dtype=float)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) == 0:
-        msg = (
-            f"The image matrix is {matrix.tolist()}; an invertible 4x4 matrix from (i, j, k, 1) to RAS mm is "
-            "needed; take it from the image."
-        )
-        raise ValueError(msg)
-    return matrix
-
-
-def positive_integers(values: Sequence[int], what: str) -> tuple[int, int, int]:
-    """Return three positive ints, or raise ValueError."""
-    numbers = np.asarray(values)
-    if numbers.shape != (3,) or not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 1:
-        msg = f"The {what} is {values}; three whole numbers above 0 are needed; change it."
-        raise ValueError(msg)
-    return tuple(int(number) for number in numbers)

@@ -105,7 +105,7 @@ def pelvis_phantom(
     Raises
     ------
     ValueError
-        If an organ does not end inside the field of view, or the noise or the bias makes no sense.
+        If an organ does not end inside the field of view.
 
     Notes
     -----
