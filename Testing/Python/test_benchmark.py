@@ -146,7 +146,7 @@ def test_growth_is_told_with_ratios_and_exponents(image):
 
 
 def test_sampling_and_separation_are_timed_against_libraries(image):
-    assert set(volumes.sampling_seconds(image, "cubic", 100, 1)) == {"gradients", "values", "scipy"}
+    assert set(volumes.sampling_seconds(image, 100, 1)) == {"gradients", "values", "scipy"}
     assert set(volumes.separation_seconds(image, 1)) == {"separate", "label"}
 
 

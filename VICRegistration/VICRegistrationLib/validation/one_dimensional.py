@@ -7,10 +7,9 @@ the true shift, sampled at whole pixels, and interpolated by a cubic spline.
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 from scipy.optimize import minimize_scalar
 
-from ..imaging.image import Image
-from ..imaging.sampling import Sampler
 from ..registration.virtual_image import IntensityProfile
 
 PROFILE = IntensityProfile(inside=130.0, outside=25.0, width=3.0, centered=False)
@@ -24,15 +23,12 @@ def row_of_pixels(shift: float = TRUE_SHIFT) -> np.ndarray:
     return PROFILE.value(np.arange(N_PIXELS) - shift)
 
 
-def interpolated(pixels: np.ndarray, positions: np.ndarray, *, order: str = "cubic") -> np.ndarray:
+def interpolated(pixels: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Grey levels between the pixels, at positions (n,) in pixels."""
-    volume = np.broadcast_to(np.asarray(pixels, dtype=float), (2, 2, len(pixels)))
-    points = np.zeros((len(positions), 3))
-    points[:, 0] = positions
-    return Sampler(Image(volume, np.eye(4)), order=order).values(points)[0]
+    return ndimage.map_coordinates(pixels, [positions], order=3, mode="mirror")
 
 
-def cost(shifts: np.ndarray, pixels: np.ndarray, *, order: str = "cubic") -> np.ndarray:
+def cost(shifts: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Cost of the virtual image for each shift, (n,).
 
     Notes
@@ -41,16 +37,16 @@ def cost(shifts: np.ndarray, pixels: np.ndarray, *, order: str = "cubic") -> np.
     """
     samples = np.linspace(0.0, PROFILE.width, N_SAMPLES)
     positions = np.add.outer(np.atleast_1d(shifts), samples)
-    grey = interpolated(pixels, positions.ravel(), order=order).reshape(positions.shape)
+    grey = interpolated(pixels, positions.ravel()).reshape(positions.shape)
     return ((grey - PROFILE.value(samples)) ** 2).sum(axis=1)
 
 
-def best_shift(pixels: np.ndarray, *, order: str = "cubic") -> float:
+def best_shift(pixels: np.ndarray) -> float:
     """Shift at which the cost is least, pixels."""
     shifts = np.linspace(0.0, N_PIXELS - 1.0 - PROFILE.width, 61)
-    start = shifts[np.argmin(cost(shifts, pixels, order=order))]
+    start = shifts[np.argmin(cost(shifts, pixels))]
     found = minimize_scalar(
-        lambda shift: cost(shift, pixels, order=order)[0],
+        lambda shift: cost(shift, pixels)[0],
         bounds=(start - 0.2, start + 0.2),
         method="bounded",
         options={"xatol": 1e-6},
