@@ -26,7 +26,7 @@ from .relative_motions import relative_motions
 from .sample_grid import SampledSurface
 from .schedule import Schedule
 from .stack_view import View
-from .stacks import Stack, StackUse, rotation_degrees
+from .stacks import Stack, StackUse, rotation_degrees, shift_of
 from .stages import Step, last_step
 
 # A stack with a smaller share of the surface's area does not determine a motion.
@@ -290,8 +290,8 @@ class JointStacks:
 
     def _moved_far(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
         """Why a stack is farther away than a patient moves, or None."""
-        motion, center = self._motion(stack, found), self._center(surface)
-        away = float(np.linalg.norm(motion[:3, :3] @ center + motion[:3, 3] - center))
+        motion = self._motion(stack, found)
+        away = float(np.linalg.norm(shift_of(motion, self._center(surface))))
         turn = rotation_degrees(motion)
         if away > LARGEST_SHIFT_MM or turn > LARGEST_TURN_DEGREES:
             return Diagnostic("stack_moved_far", {"shift_mm": away, "turn_degrees": turn})

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..geometry.parametrization import rigid_matrix
 from ..geometry.surface import BSplineSurface
 from .alignment import HOLD, SAMPLES, Alignment
+from .stacks import shift_of
 
 # Weight against a distance between two edges that is the same on all lines: on a part of an organ it looks like a
 # shift. Half of it and two and a half times as much give the same errors on the demo's organs and on a real bladder;
@@ -155,5 +156,4 @@ def _weights(found: Alignment, trust: float) -> np.ndarray:
 
 def _unknowns(motion: np.ndarray, center: np.ndarray) -> np.ndarray:
     """Turn (radians) and shift (mm) of a motion (4, 4) about a centre, (6,)."""
-    shift = motion[:3, :3] @ center + motion[:3, 3] - center
-    return np.append(Rotation.from_matrix(motion[:3, :3]).as_rotvec(), shift)
+    return np.append(Rotation.from_matrix(motion[:3, :3]).as_rotvec(), shift_of(motion, center))

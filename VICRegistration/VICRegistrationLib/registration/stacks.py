@@ -107,7 +107,7 @@ class StackUse:
     @property
     def translation_mm(self) -> np.ndarray:
         """Displacement of the organ's centre from the first image to this stack, (3,) mm along R, A and S."""
-        return self.motion[:3, :3] @ self.center + self.motion[:3, 3] - self.center
+        return shift_of(self.motion, self.center)
 
     @property
     def rotation_degrees(self) -> float:
@@ -123,6 +123,11 @@ class StackUse:
     def stack(self) -> Stack:
         """What to give to another fit, which begins with the motion that was found."""
         return Stack(self.image, self.name, self.motion)
+
+
+def shift_of(motion: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """Displacement of a point (3,) by a motion (4, 4), mm."""
+    return motion[:3, :3] @ center + motion[:3, 3] - center
 
 
 def rotation_degrees(motion: np.ndarray) -> float:
