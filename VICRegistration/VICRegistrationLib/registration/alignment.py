@@ -45,7 +45,8 @@ _NEAR_PIXELS = 0.5
 _TOLERANCE = 0.03
 # How far from where a volume ends a surface that closes there is not the organ's, mm: half of it and one and a half.
 _BORDER_MM = 6.0
-# Distance between the places that are searched, mm, and how many of the best are tried.
+# Distance between the places that are searched, mm, and how many of the best are tried. Without the search motions of
+# 10 mm and 9 degrees are found, and those of 13 mm and 11 degrees are not.
 _SEARCH_STEP_MM = 3.0
 _TRIED = 3
 
@@ -162,7 +163,8 @@ def surroundings(
 def known_lines(sampler: Sampler, surface: BSplineSurface) -> np.ndarray:
     """On which normal lines a surface that was fitted in a stack lies at the organ's edge, (n,) from 0 to 1.
 
-    Not where the volume ends: there the surface closes, and the organ may go on.
+    Not where the volume ends: there the surface closes, and the organ may go on. Where that is not known, the demo's
+    vagina is 0.25 mm off in three stacks that cut it, in place of 0.04 mm.
     """
     image = sampler.image
     u, v = surface.midpoints(*SAMPLES)

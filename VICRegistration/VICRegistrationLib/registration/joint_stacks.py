@@ -41,6 +41,8 @@ _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
 _LARGEST_APART_MM, _LARGEST_APART_PIXELS = 0.35, 0.55
 _LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.2, 0.27
 # Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
+# Where all are at once in any case, the demo's vagina is 0.12 mm off in three stacks that cut it, in place of 0.04 mm;
+# one after the other in any case, the bladder's motions are off by 0.15 mm in place of 0.11 mm.
 _MOSTLY_KNOWN = 0.95
 # How often the edges of stacks are compared with each other at most, and at which displacement they are at rest, mm.
 _TURNS, _AT_REST_MM = 8, 0.1
