@@ -205,11 +205,6 @@ def test_unusable_knots_are_refused_with_what_is_needed(degree, knots, message):
         bspline.validated_knots(degree, np.array(knots, dtype=float))
 
 
-def test_too_few_control_points_for_uniform_knots_are_refused():
-    with pytest.raises(ValueError, match="3 control points were given; degree 3 needs at least 4"):
-        bspline.uniform_clamped_knots(3, 3)
-
-
 def test_parameters_outside_the_domain_are_refused():
     with pytest.raises(ValueError, match="reach from -0.1 to 1; the surface is defined on 0 to 1"):
         bspline.collocation(3, bspline.uniform_clamped_knots(3, 5), [-0.1, 1.0])

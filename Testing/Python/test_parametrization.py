@@ -154,12 +154,6 @@ def test_the_presets_hold_what_their_names_say():
     assert AFFINE_PRESETS["affine"] == AFFINE_NAMES
 
 
-@pytest.mark.parametrize("free", ["R33", "rotation", ("R00", "R00"), (), ("T0", "x")])
-def test_unknown_repeated_or_no_names_are_refused(free):
-    with pytest.raises(ValueError, match="were asked for; give different names out of R00, R01, .* or one of scaling"):
-        affine(organ_of("smooth"), free=free)
-
-
 # ------------------------------------------------------------------ closed organ
 
 

@@ -98,12 +98,6 @@ def test_the_bell_stays_open_at_its_rim():
     np.testing.assert_array_equal(mesh.parameters[vertices, 1], 0.0)
 
 
-@pytest.mark.parametrize("resolution", [(2, 5), (8, 1)])
-def test_too_coarse_a_resolution_is_refused(organ, resolution):
-    with pytest.raises(ValueError, match="was asked for; at least 3 x 2 intervals are needed"):
-        triangulate(organ, resolution=resolution)
-
-
 @pytest.mark.parametrize("chord_error", [0.0, -1.0, np.nan])
 def test_a_chord_error_that_is_no_length_is_refused(organ, chord_error):
     with pytest.raises(ValueError, match="was asked for; give a positive length such as 0.05"):

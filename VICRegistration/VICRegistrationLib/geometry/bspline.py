@@ -63,15 +63,7 @@ def uniform_clamped_knots(degree: int, n_control: int) -> np.ndarray:
     Returns
     -------
     (n_control + degree + 1,) ndarray
-
-    Raises
-    ------
-    ValueError
-        If there are too few control points for the degree.
     """
-    if n_control < degree + 1:
-        msg = f"{n_control} control points were given; degree {degree} needs at least {degree + 1}."
-        raise ValueError(msg)
     inner = np.linspace(0.0, 1.0, n_control - degree + 1)
     return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
 

@@ -157,23 +157,11 @@ def affine(
     -------
     Parametrization
 
-    Raises
-    ------
-    ValueError
-        If a name is unknown or repeated.
-
     Notes
     -----
     Equation 2 of Jiang et al. (Strain 2019).
     """
     names = AFFINE_PRESETS.get(free, (free,)) if isinstance(free, str) else tuple(free)
-    unknown = [name for name in names if name not in AFFINE_NAMES]
-    if unknown or not names or len(set(names)) < len(names):
-        msg = (
-            f"The free parameters {', '.join(names) or 'none'} were asked for; give different names out of "
-            f"{', '.join(AFFINE_NAMES)}, or one of {', '.join(AFFINE_PRESETS)}."
-        )
-        raise ValueError(msg)
     net = surface.control_net.reshape(-1, 3)
     origin = net.mean(axis=0) if center is None else np.asarray(center, dtype=float)
     columns = np.column_stack([net - origin, np.ones(len(net))])

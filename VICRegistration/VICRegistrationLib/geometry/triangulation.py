@@ -76,7 +76,7 @@ def triangulate(
     surface : BSplineSurface
         Open or closed; vertices of seams and poles are shared, so that a closed surface gives a watertight mesh.
     resolution : (n_u, n_v), optional
-        Number of intervals in u and v; taken from `chord_error` if not given.
+        Number of intervals in u and v, at least 3 and 2; taken from `chord_error` if not given.
     chord_error : float
         Largest distance between triangles and surface, mm.
 
@@ -87,12 +87,9 @@ def triangulate(
     Raises
     ------
     ValueError
-        If the resolution is below 3 x 2 or the chord error is not positive.
+        If the chord error is not positive.
     """
     n_u, n_v = resolution or resolution_for_chord_error(surface, chord_error)
-    if n_u < 3 or n_v < 2:
-        msg = f"A resolution of {n_u} x {n_v} was asked for; at least 3 x 2 intervals are needed."
-        raise ValueError(msg)
     (u_low, u_high), (v_low, v_high) = surface.domain
     axes = np.linspace(u_low, u_high, n_u + 1), np.linspace(v_low, v_high, n_v + 1)
     points, normals = surface.grid(*axes).reshape(-1, 3), surface.grid_normals(*axes).reshape(-1, 3)
