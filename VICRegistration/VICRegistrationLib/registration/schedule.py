@@ -48,8 +48,8 @@ SMOOTHNESS_TO_START = 1e-5
 # 0.06 mm, as the finest net is refused by partial volumes of the coarser one. With 0, nets follow noise: the surface
 # that is judged has then partial volumes of its own noise, and a smooth organ of poor contrast gets the finest net.
 _NEAR_COARSE, _NEAR_FINE = 4.0, 0.125
-# How much wider than the edge the coarse stage's ramp is. If it is as wide as the edge, surfaces that begin 2.5 mm within
-# the demo's bladder and rectum end 0.7 and 0.9 mm off, in place of 0.04 and 0.07.
+# How much wider than the edge the coarse stage's ramp is. If it is as wide, surfaces that begin 2.5 mm within the
+# demo's bladder and rectum end 0.7 and 0.9 mm off, in place of 0.04 and 0.07.
 _COARSE_WIDENING = 1.5
 # Least width of an edge that is looked for, in voxels.
 _LEAST_TAU = 0.1
