@@ -52,7 +52,6 @@ def write_mesh(
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
-    _suffix(path)
     write_triangles(triangulate(surface, chord_error=chord_error), surface, path, name=name)
 
 
