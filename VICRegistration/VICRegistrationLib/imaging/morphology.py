@@ -24,6 +24,11 @@ def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
     ndarray of bool, shape (nk, nj, ni)
         Outside of the array counts as background: nothing grows in from there.
 
+    Raises
+    ------
+    ValueError
+        If the radius is negative or not finite.
+
     Notes
     -----
     A ball is a stack of runs of voxels along i. The mask dilated by runs of growing length is kept flat in
@@ -49,7 +54,7 @@ def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
 
 
 def erode(mask, spacing, radius_mm: float) -> np.ndarray:
-    """Shrink a mask by a ball: the opposite of `dilate`, with the same parameters.
+    """Shrink a mask by a ball: the opposite of `dilate`, with the same parameters and errors.
 
     Returns
     -------
@@ -136,6 +141,9 @@ def _or_shifted(target, source, shift):
 
 def _ball_runs(spacing, radius_mm):
     """Cut the ball into runs along i: rows of (dk, dj, first di, number of voxels)."""
+    if not (np.isfinite(radius_mm) and radius_mm >= 0):
+        msg = f"The radius is {radius_mm} mm; it must be zero or a positive length."
+        raise ValueError(msg)
     spacing = np.asarray(spacing, dtype=float)
     steps = np.diag(spacing) if spacing.ndim == 1 else spacing
     # The tolerance lets a voxel at exactly the radius belong to the ball whatever the rounding of the matrix.
