@@ -21,10 +21,9 @@ from .star_surface import Star
 
 # Below this Dice coefficient, two regions are not the same organ: one has leaked, is a fragment, or is bent.
 _SAME_ORGAN = 0.85
-# The shape is taken where it has less boundary without an edge by this area, for a volume of 1. Of 245 separations of
-# phantoms, bladders and bladders that were changed, the region that is worse by more than half a millimetre was taken
-# once with 0.03 to 0.15, four times with 0.18.
-_LESS_WITHOUT_EDGE = 0.09
+# The shape is taken where it has less boundary without an edge by this area, for a volume of 1. In 91 bladders, most of
+# them changed, 0 to 0.09 choose equally well; with 0.12 and more the worse region is taken more often.
+_LESS_WITHOUT_EDGE = 0.08
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
 # Nor is one found in surroundings whose contrast is less than so many standard deviations of the noise: noise alone has

@@ -10,12 +10,10 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-# Messages are passed on grids of radii, so many samples wide, so often at most, until none changes by more than this
-# share of the largest strength of an edge. Each grid begins with the messages of the one before: on the finest alone,
-# 150 rounds end at higher costs.
-_WIDTHS, _ROUNDS, _SETTLED = (8, 4, 2, 1), (60, 40, 20, 10), 1e-2
+# Messages are passed so often at most, until none changes by more than this share of the largest strength of an edge.
+_ROUNDS, _SETTLED = 100, 1e-2
 # Share of the last message that is kept: messages that run round in circles do not swing.
-_DAMPING = 0.2
+_DAMPING = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,42 +93,33 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
 
     Notes
     -----
-    The min-sum algorithm on the graph of neighbours, in place of the graph cut of [1]_: costs of slopes need no hard
-    limit, and it takes a tenth of the time of a maximum flow. From coarse to fine radii as in [2]_.
+    Tree-reweighted message passing [1]_ on the graph of neighbours: as slopes cost their square, it ends at the
+    surface that the graph cut of [2]_ finds, in a tenth of the time. Messages that count in full [3]_ end at surfaces
+    that cost up to a tenth more, and which surface that is then depends on the last digit.
 
     References
     ----------
-    .. [1] K. Li, X. Wu, D. Chen, M. Sonka, "Optimal surface segmentation in volumetric images", IEEE Trans. PAMI 28(1),
+    .. [1] M. Wainwright, T. Jaakkola, A. Willsky, "MAP estimation via agreement on trees: message-passing and linear
+       programming", IEEE Trans. Information Theory 51(11), 2005.
+    .. [2] K. Li, X. Wu, D. Chen, M. Sonka, "Optimal surface segmentation in volumetric images", IEEE Trans. PAMI 28(1),
        2006.
-    .. [2] P. Felzenszwalb, D. Huttenlocher, "Efficient belief propagation for early vision", Int. J. Computer Vision
+    .. [3] P. Felzenszwalb, D. Huttenlocher, "Efficient belief propagation for early vision", Int. J. Computer Vision
        70(1), 2006.
     """
     count, costs = len(ball.first), costs.astype(np.float32)
-    gather = sparse.csr_matrix(
-        (np.ones(count, dtype=np.float32), (ball.second, np.arange(count))), shape=(len(costs), count)
-    )
-    messages, total = np.zeros((count, 1), dtype=np.float32), costs
-    for width, rounds in zip(_WIDTHS, _ROUNDS):
-        coarse = _coarser(costs, width)
-        messages = np.repeat(messages, -(-coarse.shape[1] // messages.shape[1]), axis=1)[:, : coarse.shape[1]]
-        shifts = np.arange(1, max(-(-most // width), 2) + 1)
-        prices = (stiffness * (shifts * width * slopes[:, None]) ** 2).astype(np.float32)
-        for _ in range(rounds):
-            sums = (coarse + gather @ messages)[ball.first] - messages[ball.back]
-            cheapest = _passed_on(sums, prices)
-            change = np.abs(cheapest - messages).max()
-            messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest
-            if change < _SETTLED:
-                break
-        total = coarse + gather @ messages
-    return total.argmin(axis=1)
-
-
-def _coarser(costs: np.ndarray, width: int) -> np.ndarray:
-    """Lowest costs of so many radii each."""
-    missing = -costs.shape[1] % width
-    padded = np.pad(costs, ((0, 0), (0, missing)), mode="edge")
-    return padded.reshape(len(costs), -1, width).min(axis=2)
+    # Of the pairs, a spanning tree holds this share.
+    share = np.float32(2.0 * (len(costs) - 1) / count)
+    gather = sparse.csr_matrix((np.full(count, share), (ball.second, np.arange(count))), shape=(len(costs), count))
+    prices = (stiffness / share * (np.arange(1, most + 1) * slopes[:, None]) ** 2).astype(np.float32)
+    messages, totals = np.zeros((count, costs.shape[1]), dtype=np.float32), costs
+    for _ in range(_ROUNDS):
+        cheapest = _passed_on(totals[ball.first] - messages[ball.back], prices)
+        change = np.abs(cheapest - messages).max()
+        messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest
+        totals = costs + gather @ messages
+        if change < _SETTLED:
+            break
+    return totals.argmin(axis=1)
 
 
 def _passed_on(sums: np.ndarray, prices: np.ndarray) -> np.ndarray:

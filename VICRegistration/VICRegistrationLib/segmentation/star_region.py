@@ -12,15 +12,14 @@ from ..imaging.image import Image
 from ..imaging.morphology import dilate, erode, largest_piece
 from ..imaging.region import Region, region_from_crop
 from .checks import fills_volume
-from .edge_support import area_without_edge
 from .limits import Limits
 from .ray_edges import Edges
 from .ray_origins import CLICK_MM
-from .star_surface import Star, between, find_stars
+from .star_surface import Star, between, find_star
 
 # Voxels as near to the surface as this, mm, belong to the organ by their grey level; deeper ones do, and those farther
-# out do not.
-_SHELL_MM = 3.0
+# out do not. Between 1 and 3 mm the mean Dice coefficient of 91 bladders, most of them changed, varies by 0.0007.
+_SHELL_MM = 2.0
 # Thin lobes in the shell are cut by an opening with a ball of this radius.
 OPENING_MM = 2.0
 # The radius is computed on a lattice and interpolated.
@@ -45,15 +44,13 @@ def shaped_region(
     Returns
     -------
     tuple of Region and Star, or None
-        Where the volume cuts the organ, of two surfaces (`find_stars`) the one whose region has less boundary without
-        an edge. None where no region holds the seeds, or only one that fills the volume.
+        None where the region does not hold the seeds, or fills the volume.
     """
-    found = []
-    for star in find_stars(image, seeds, wall):
-        region = star_region(image, star, fill=fill)
-        if region is not None and _holds(region, np.atleast_2d(seeds)) and not fills_volume(image, region):
-            found.append((area_without_edge(image, region, star), region, star))
-    return min(found, key=lambda shape: shape[0])[1:] if found else None
+    star = find_star(image, seeds, wall)
+    region = star_region(image, star, fill=fill)
+    if region is None or not _holds(region, np.atleast_2d(seeds)) or fills_volume(image, region):
+        return None
+    return region, star
 
 
 def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None:
@@ -70,12 +67,13 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
     Returns
     -------
     Region or None
-        None where nothing is left.
+        None where the star shows hardly any edge, or nothing is left.
     """
-    edges = edges_of(image, star)
-    if not edges.found.any():
+    try:
+        limits = _one_sided(Limits.along(edges_of(image, star), image), star)
+    except ValueError:
+        # Hardly any edge.
         return None
-    limits = _one_sided(Limits.along(edges, image), star)
     start, stop = _box(image, star)
     inward = _inward(image.crop(start, stop), star)
     held = limits.holds(start, image.crop(start, stop).array)
