@@ -73,6 +73,24 @@ def test_a_rename_under_way_outlives_a_refresh(case):
     assert table.currentColumn() == 2
 
 
+def test_a_binding_that_has_failed_releases_no_other_one(case):
+    import qt
+
+    from VICRegistrationLib.gui.binding import Binding
+
+    case.add("bladder")
+    one, other = (type(case.organ)(case.organ.parameterNode) for _ in range(2))
+    failing, kept, box = Binding(), Binding(), qt.QDoubleSpinBox()
+    failing.bind(one, {"erosionMm": qt.QDoubleSpinBox()})
+    failing.release()
+    kept.bind(other, {"dilationMm": box})
+    with pytest.raises(KeyError):
+        failing.bind(other, {"noSuchParameter": qt.QDoubleSpinBox()})
+    failing.release()
+    box.value = 4.0
+    assert other.dilationMm == 4.0
+
+
 @pytest.fixture
 def modules():
     """What is imported of the project, put back after a test in which it is imported anew."""

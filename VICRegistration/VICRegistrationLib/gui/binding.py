@@ -43,7 +43,7 @@ class Binding:
         self._wrapper.disconnectGui(self._tag)
         for tag in self._observers:
             self._wrapper.parameterNode.RemoveObserver(tag)
-        self._wrapper, self._observers = None, []
+        self._wrapper, self._tag, self._observers = None, None, []
 
     def _observe(self, event, callback, priority=0.0):
         tag = self._wrapper.parameterNode.AddObserver(event, callback, priority)
