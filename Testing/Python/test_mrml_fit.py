@@ -151,6 +151,23 @@ def test_the_course_of_the_fit_is_in_the_table_and_plotted(logic):
     assert (series.GetXColumnName(), series.GetYColumnName()) == ("Iteration", "Cost")
 
 
+def test_what_a_user_plots_of_the_table_stays_as_it_is(logic):
+    from VICRegistrationLib.mrml.organ_nodes import paint
+
+    organ = logic.fit(mrml_scenes.add_volume(), [CENTER])
+    series = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLPlotSeriesNode", "displacement")
+    series.SetAndObserveTableNodeID(organ.convergence.GetID())
+    series.SetYColumnName("Displacement (mm)")
+    series.SetColor(0.1, 0.2, 0.3)
+    slicer.mrmlScene.RemoveNode(organ.plot)
+    logic.refit(organ)
+    paint(organ)
+    assert series.GetScene() is not None
+    assert series.GetColor() == (0.1, 0.2, 0.3)
+    assert organ.plot.GetNumberOfPlotSeriesNodes() == 1
+    assert organ.plot.GetNthPlotSeriesNode(0).GetYColumnName() == "Cost"
+
+
 def test_seeds_are_taken_from_an_array_a_point_or_a_list_of_points(logic):
     volume = mrml_scenes.add_volume()
     markups = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", "mine")

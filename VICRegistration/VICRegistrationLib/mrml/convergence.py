@@ -61,7 +61,9 @@ def createPlot(name, color):
 
 
 def seriesOf(organ):
-    """Plot series of an organ: that of its chart, or one of its table that has outlived its chart.
+    """Plot series of an organ: that of its chart, or one of the cost in its table that has outlived its chart.
+
+    What a user plots of the table's other columns is not among them.
 
     Parameters
     ----------
@@ -75,6 +77,6 @@ def seriesOf(organ):
     return [
         node
         for node in slicer.util.getNodesByClass("vtkMRMLPlotSeriesNode")
-        if (table is not None and node.GetTableNode() is table)
+        if (table is not None and node.GetTableNode() is table and node.GetYColumnName() == COST)
         or (chart is not None and chart.HasPlotSeriesNodeID(node.GetID()))
     ]
