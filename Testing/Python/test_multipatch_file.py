@@ -85,6 +85,11 @@ PARTS = {
         [[[1, 2]]],
         "The control_net of 'egg' must be rows of",
     ),
+    "a number for a net": (
+        ("organs", "egg", "control_net"),
+        5,
+        "The control_net of 'egg' must be rows of",
+    ),
     "indices": (
         ("patches", 0, "indices"),
         [[1], [1, 2]],

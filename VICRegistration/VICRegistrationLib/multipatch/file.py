@@ -264,7 +264,7 @@ def _array(values: object, what: str, dimensions: int, kind: type = float) -> np
         array = np.array(values, dtype=float if kind is float else None)
     except (ValueError, TypeError):
         array = np.zeros(0)
-    fits = array.dtype.kind == "i" if kind is int else dimensions == 1 or array.shape[-1] == 3
+    fits = array.dtype.kind == "i" if kind is int else dimensions == 1 or array.shape[-1:] == (3,)
     if array.ndim != dimensions or not array.size or not fits:
         msg = f"The {what} must be {_SHAPES[kind, dimensions]}; the file has something else there."
         raise ValueError(msg)
