@@ -111,6 +111,11 @@ def test_a_sheet_through_a_sheet_is_found_though_both_begin_at_one_corner():
     }
 
 
+def test_nothing_is_wrong_with_a_model_without_a_sheet(model):
+    parts, patches = ([each for each in whole if "band" not in each.name] for whole in (model.parts, model.patches))
+    assert check_model(replace(model, parts=tuple(parts), patches=tuple(patches))) == ()
+
+
 def test_another_unit_is_found_and_refused(model):
     centimetres = scaled(model, np.eye(3) / 10.0)
     assert "egg is 8.5 mm large" in first_sentence(centimetres)

@@ -145,8 +145,10 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Diagnostic
         A place of each pair.
     """
-    mesh = model_triangles(model)
     sheets = [part.name for part in model.parts if part.kind == "sheet"]
+    if len(sheets) < 2:
+        return
+    mesh = model_triangles(model)
     numbers = np.array([sheets.index(patch.part) if patch.part in sheets else -1 for patch in model.patches])
     sheet_of = numbers[mesh.patch_of]
     triangles, sheet_of = mesh.triangles[sheet_of >= 0], sheet_of[sheet_of >= 0]
