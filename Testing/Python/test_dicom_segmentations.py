@@ -195,6 +195,9 @@ def test_a_folder_with_one_segmentation_is_a_reference(tmp_path):
     for read in (read_label, lambda where: reference_paths(str(where), ["bladder"])):
         with pytest.raises(ValueError, match=r"holds 2 DICOM segmentations \(again.dcm, seg.dcm\); give the file"):
             read(folder)
+    # Files that are named like the organs need none of them.
+    (folder / "bladder.nii.gz").touch()
+    assert reference_paths(str(folder), ["bladder"]) == {"bladder": folder / "bladder.nii.gz"}
 
 
 def test_a_segmentation_is_no_image(tmp_path):

@@ -138,26 +138,28 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
     Raises
     ------
     ValueError
-        If the folder holds no reference for an organ.
+        If the folder holds no reference for an organ, or several DICOM segmentations and not a file for each organ.
     """
     path = Path(reference)
     if not path.is_dir():
         return dict.fromkeys(names, path)
-    segmentation = segmentation_in(path)
-    if segmentation is not None:
-        return dict.fromkeys(names, segmentation)
     found = {}
     for name in names:
         wanted = {file_key(name + ending): rank for rank, ending in enumerate(_ENDINGS)}
         files = {wanted[key]: file for file in path.iterdir() if (key := file_key(file.name)) in wanted}
-        if not files:
-            msg = (
-                f"The folder {path} holds no reference for {name}; give one that holds {name}.json, "
-                f"{name}.stl or {name}.nii.gz, or name the file itself."
-            )
-            raise ValueError(msg)
-        found[name] = files[min(files)]
-    return found
+        if files:
+            found[name] = files[min(files)]
+    missing = [name for name in names if name not in found]
+    if not missing:
+        return found
+    segmentation = segmentation_in(path)
+    if segmentation is None:
+        msg = (
+            f"The folder {path} holds no reference for {missing[0]}; give one that holds {missing[0]}.json, "
+            f"{missing[0]}.stl or {missing[0]}.nii.gz, or name the file itself."
+        )
+        raise ValueError(msg)
+    return dict.fromkeys(names, segmentation)
 
 
 def chosen_labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
