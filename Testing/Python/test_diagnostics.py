@@ -47,6 +47,15 @@ def test_a_boundary_point_where_the_image_shows_no_edge_is_told(small_image, sma
     assert fit_diagnostics(small_image, found) == []
 
 
+def test_the_stage_that_did_not_converge_is_that_of_the_surface_that_is_kept(small_image, small_fit):
+    *earlier, last = small_fit.history
+    last = replace(last, stopped_by="iterations", displacement=0.3)
+    kept = replace(last, stage="coarser net kept", iteration=1, displacement=0.0)
+    (told,) = fit_diagnostics(small_image, replace(small_fit, converged=False, history=(*earlier, last, kept)))
+    values = {"iterations": last.iteration, "stage": last.stage, "displacement_mm": 0.3}
+    assert told == Diagnostic("still_moving", values)
+
+
 def test_the_sides_of_the_border_are_those_of_the_patient(small_image, small_fit):
     # Slices run from left to right (k), pixels from front to back (i) and from top to bottom (j).
     whole, region = small_image, small_fit.region
