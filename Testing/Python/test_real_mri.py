@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import pytest
 from accuracy import MEAN_MM, P95_MM, of_contour, of_surface, real_case
-from bladders import NAMES
+from bladders import NAMES, load_bladder
 from hippocampus import NAMES as HIPPOCAMPI
 from hippocampus import farthest_from_start, load_hippocampus
 
@@ -17,6 +17,7 @@ from VICRegistrationLib.imaging.reading import read_image
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.segmentation.edge_support import agreement
 from VICRegistrationLib.segmentation.separation import separate
 
 
@@ -139,6 +140,13 @@ def test_a_dicom_folder_and_a_file_give_the_same_surface(clipped, shared_data):
     # The file keeps its matrix in single precision, which moves the slices by some 1e-6 mm. Of the parts into which
     # voxels are cut, some lie on the other side of the surface then. Measured: 0.014 mm at one control point.
     assert np.abs(other.surface.control_net - fit.surface.control_net).max() < 0.03
+
+
+def test_a_click_into_a_dark_part_finds_the_bladder(shared_data):
+    # All small surfaces around this place cost less than the bladder's, seen from there.
+    bladder = load_bladder("crop_IM0228", shared_data / "bladder_mri")
+    region = separate(bladder.image, [-142.5, -67.0, -21.0])
+    assert agreement(region, bladder.lumen) > 0.94
 
 
 def test_a_rectum_in_thick_slices_is_separated_from_three_clicks(shared_data):

@@ -105,7 +105,7 @@ def test_radii_cost_as_little_as_those_of_a_minimum_cut(seed):
     radii = cheapest_radii(ball, costs, slopes, stiffness=stiffness, most=most)
     prices = stiffness * slopes**2
     least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
-    assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, abs=0.3)
+    assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, abs=0.01)
 
 
 def test_a_side_without_any_edge_gets_the_radius_of_the_others():

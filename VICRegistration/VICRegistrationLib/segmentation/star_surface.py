@@ -42,13 +42,16 @@ _SLOW, _NOISE = 0.06, 1.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
 # 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others.
-_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.5, 0.08, 0.25
+_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.11, 0.25
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
 _MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
 # level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
 # and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the wall.
 _FIRST_LOOKS, _SETTLED_MM, _LOOKS = 3, 1.0, 10
+# From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where no
+# ray is as long as this, the first looks are done once more without radii that are shorter; 8 to 25 mm do the same.
+_SMALL_MM = 15.0
 # A place this little outside of the surface is held.
 _HELD_MM = 2.0
 # A last look follows more directions, near the surface that was found: so many samples to either side.
@@ -141,6 +144,9 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
     looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
+    if max(look.lengths.max() for look in looks) < _SMALL_MM:
+        larger = [search.look(seed, falls=falls, least=_SMALL_MM) for falls in (True, False)]
+        looks += [search.again(look, _FIRST_LOOKS - 1) for look in larger]
     better = min(looks, key=lambda star: star.cost)
     star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
     return replace(star, inner=star.inner + level, outer=star.outer + level)
@@ -190,13 +196,13 @@ class _Search:
         self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
-    def look(self, center: np.ndarray, *, falls: bool) -> Star:
-        """Look once, from a place, at all radii."""
+    def look(self, center: np.ndarray, *, falls: bool, least: float = 0.0) -> Star:
+        """Look once, from a place, at all radii that are not less than one."""
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
         costs, strengths = rays.costs(falls, self.wall)
-        return rays.star(falls, _chosen(costs, radii), costs, strengths)
+        return rays.star(falls, _chosen(costs + _MISSED * (radii < least), radii), costs, strengths)
 
     def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
         """Look along rays."""
