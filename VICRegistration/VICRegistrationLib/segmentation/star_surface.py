@@ -41,7 +41,8 @@ _SLIGHT = 0.06
 _SLOW, _NOISE = 0.06, 1.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
-# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others.
+# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. Slopes may weigh 0.04 to
+# 0.15; with 0.2 corners of one bladder are cut off (IM1383).
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.11, 0.25
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
 _MISSED, _BESIDE = 50.0, 1.0
@@ -49,8 +50,8 @@ _MISSED, _BESIDE = 50.0, 1.0
 # level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
 # and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the wall.
 _FIRST_LOOKS, _SETTLED_MM, _LOOKS = 3, 1.0, 10
-# From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where no
-# ray is as long as this, the first looks are done once more without radii that are shorter; 8 to 25 mm do the same.
+# From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where
+# no ray is as long as this, the first looks are done once more without shorter radii. 8 to 25 mm do the same.
 _SMALL_MM = 15.0
 # A place this little outside of the surface is held.
 _HELD_MM = 2.0
