@@ -139,13 +139,6 @@ def enclosed_ml(triangles):
     return properties.GetVolume() / 1000.0
 
 
-def mask_in_place(region, shape):
-    """Voxels of a region on its image's whole grid, (nk, nj, ni)."""
-    mask = np.zeros(shape, dtype=bool)
-    mask[tuple(slice(low, low + size) for low, size in zip(region.offset, region.mask.shape))] = region.mask
-    return mask
-
-
 def segment_voxels(organ, volume):
     """Voxels of an organ's segment on its volume's grid, (nk, nj, ni)."""
     voxels = slicer.util.arrayFromSegmentBinaryLabelmap(organ.regions, organ.regionSegmentId, volume) > 0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from region_voxels import mask_in_place
 from small_phantom import CENTER, ellipsoid
 
 import VICRegistrationLib as vic
@@ -152,9 +153,7 @@ def test_a_surface_is_compared_with_another_one_and_with_a_file(fit, tmp_path):
 
 def test_the_code_of_the_page_runs(image, fit, tmp_path, monkeypatch, capsys):
     page = "docs/python.md"
-    labels = np.zeros(image.array.shape, dtype=np.uint8)
-    corner = fit.region.offset
-    labels[tuple(slice(low, low + size) for low, size in zip(corner, fit.region.mask.shape))] = fit.region.mask
+    labels = mask_in_place(fit.region, image.array.shape).astype(np.uint8)
     monkeypatch.chdir(tmp_path)
     write_image(image, "scan.nii.gz")
     write_image(vic.Image(labels, image.ijk_to_ras), "labels.nii.gz")

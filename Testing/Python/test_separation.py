@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bladders import load_bladder
+from region_voxels import mask_in_place
 from reorientation import ORIENTATIONS, reordered
 from scipy import ndimage
 
@@ -29,13 +30,6 @@ def ball_image(*, radius=14.0, inside=200.0, outside=80.0, noise=6.0, shape=(18,
     levels = outside + (inside - outside) * np.clip(0.5 - distance, 0, 1)
     levels += np.random.default_rng(0).normal(0, noise, shape)
     return Image(levels.astype(np.float32), matrix)
-
-
-def on_image(image, region):
-    full = np.zeros(image.array.shape, dtype=bool)
-    box = tuple(slice(start, start + size) for start, size in zip(region.offset, region.mask.shape))
-    full[box] = region.mask
-    return full
 
 
 @pytest.fixture(scope="module")
@@ -133,18 +127,18 @@ def test_the_growing_box_gives_the_result_of_the_whole_volume(image):
         pieces, _ = ndimage.label(core)
         piece = pieces == pieces[tuple(np.rint(image.to_ijk([CENTER])[0, ::-1]).astype(int))]
         expected = fill_holes(dilate(piece, image.spacing, 2.0) & inside)
-        np.testing.assert_array_equal(on_image(image, region), expected)
+        np.testing.assert_array_equal(mask_in_place(region, image.array.shape), expected)
 
 
 @pytest.mark.parametrize(("order", "flips"), ORIENTATIONS)
 def test_copies_with_other_axes_give_the_same_voxels(image, order, flips):
     seeds = CENTER + [[6.0, 2.0, 1.0], [-3.0, 4.0, -5.0]]
     expected = separate(image, seeds)
-    full = Image(on_image(image, expected), image.ijk_to_ras).canonical()
+    full = Image(mask_in_place(expected, image.array.shape), image.ijk_to_ras).canonical()
     copy = reordered(image, order, flips)
     region = separate(copy, seeds)
     np.testing.assert_allclose(region.threshold, expected.threshold, rtol=1e-6)
-    same_grid = Image(on_image(copy, region), copy.ijk_to_ras).canonical()
+    same_grid = Image(mask_in_place(region, copy.array.shape), copy.ijk_to_ras).canonical()
     np.testing.assert_array_equal(same_grid.array, full.array)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from region_voxels import mask_in_place
 from scipy import ndimage, sparse
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
@@ -72,8 +73,7 @@ def minimum_cut(ball, costs, prices, most):
 
 
 def dice(region, truth):
-    mask = np.zeros(truth.shape, dtype=bool)
-    mask[tuple(slice(first, first + size) for first, size in zip(region.offset, region.mask.shape))] = region.mask
+    mask = mask_in_place(region, truth.shape)
     return 2.0 * (mask & truth).sum() / (mask.sum() + truth.sum())
 
 
@@ -261,7 +261,8 @@ def test_thick_slices_move_no_edge(thick):
     matrix = np.diag([1.0, 1.0, thick, 1.0])
     matrix[:3, 3] = -HALF, -HALF, -HALF + (thick - 1) / 2.0
     star = find_star(Image(image_of(slices).array, matrix), np.zeros(3))
-    np.testing.assert_allclose(star.lengths, RADIUS, atol=0.25 * thick)
+    # A sample of a ray is 0.75 mm long.
+    np.testing.assert_allclose(star.lengths, RADIUS, atol=0.75)
     assert star.lengths.mean() == pytest.approx(RADIUS, abs=0.2)
     assert star.strengths[np.abs(star.directions[:, 2]) > 0.9].mean() > 0.9
 

@@ -72,7 +72,7 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
     try:
         limits = _one_sided(Limits.along(edges_of(image, star), image), star)
     except ValueError:
-        # Hardly any edge.
+        # There are too few edges for limits.
         return None
     start, stop = _box(image, star)
     inward = _inward(image.crop(start, stop), star)

@@ -44,7 +44,8 @@ _SLOW, _NOISE = 0.06, 1.0
 # 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. Slopes may weigh 0.04 to
 # 0.15; with 0.2 corners of one bladder are cut off (IM1383).
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.11, 0.25
-# Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays.
+# Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays; and of a
+# radius that is not to be chosen.
 _MISSED, _BESIDE = 50.0, 1.0
 # The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
 # level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
@@ -198,7 +199,7 @@ class _Search:
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
     def look(self, center: np.ndarray, *, falls: bool, least: float = 0.0) -> Star:
-        """Look once, from a place, at all radii that are not less than one."""
+        """Look once, from a place, at all radii from the least one on, mm."""
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
