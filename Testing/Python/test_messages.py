@@ -73,15 +73,15 @@ def test_a_sentence_is_translated_with_its_words_and_what_it_holds():
     german = {
         "{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion.": "{problem} Hm.",
         SENTENCES["folded_over"]: "Gefaltet bei {r:.1f}.",
-        SENTENCES["reaches_border"]: "Am Rand: {sides}.",
+        SENTENCES["reaches_border"]: "Am Rand: {sides}, {share:.1%}.",
         "left": "links",
         "right": "rechts",
     }
     place = {"r": 1.26, "a": 0.0, "s": 0.0, "u": 0.0, "v": 0.0}
     found = Diagnostic("invalid_surface", {"problem": Diagnostic("folded_over", place)})
     assert found.sentence(lambda text: german.get(text, text)) == "Gefaltet bei 1.3. Hm."
-    border = Diagnostic("reaches_border", {"sides": ["left", "right"]})
-    assert border.sentence(lambda text: german.get(text, text)) == "Am Rand: links, rechts."
+    border = Diagnostic("reaches_border", {"sides": ["left", "right"], "share": 0.125})
+    assert border.sentence(lambda text: german.get(text, text)) == "Am Rand: links, rechts, 12.5%."
     assert "(left, right)" in border.sentence()
 
 

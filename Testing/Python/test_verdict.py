@@ -19,9 +19,8 @@ from VICRegistrationLib.registration.choices import Choice
 from VICRegistrationLib.registration.verdict import verdict_of
 
 
-def judged(*diagnostics, choices=(), region=None, surface=None):
-    fit = SimpleNamespace(choices=choices, region=region, whole_region=None, surface=surface)
-    verdict = verdict_of(fit, diagnostics)
+def judged(*diagnostics, choices=()):
+    verdict = verdict_of(SimpleNamespace(choices=choices), diagnostics)
     return verdict.word, [reason.code for reason in verdict.reasons]
 
 
@@ -32,7 +31,8 @@ def test_the_area_without_an_edge_decides(share, word):
 
 
 def test_the_worst_reason_comes_first():
-    found = [Diagnostic("starts_differ", {}), Diagnostic("reaches_border", {}), Diagnostic("volume_differs", {})]
+    border = Diagnostic("reaches_border", {"share": 0.01})
+    found = [Diagnostic("starts_differ", {}), border, Diagnostic("volume_differs", {})]
     assert judged(*found) == ("poor", ["volume_differs", "starts_differ"])
 
 
@@ -49,8 +49,11 @@ def test_an_organ_that_the_border_cuts_is_checked(first, axis, depth, word):
     region = region_from_mask(image, mask)
     assert region.touches_border == ("ijk"[axis] + ("-" if first == 0 else "+"),)
     surface = closed_organ(axes=radius * np.eye(3), center=center)
+    # A cap of a ball, by as many voxels as lie in its circle.
+    circle = np.pi * depth * (2.0 * radius - depth)
+    np.testing.assert_allclose(region.border_area, circle, rtol=0.15)
     reasons = [] if word == "good" else ["reaches_border"]
-    assert judged(Diagnostic("reaches_border", {}), region=region, surface=surface) == (word, reasons)
+    assert judged(Diagnostic("reaches_border", {"share": region.border_area / surface.area()})) == (word, reasons)
 
 
 def test_what_was_kept_of_a_fit_counts():

@@ -20,9 +20,13 @@ _ = marked
 # A new diagnostic is a new line here. Its values are in braces, as str.format takes them.
 SENTENCES = {
     # The separated region.
-    "reaches_border": _(
+    "region_at_border": _(
         "The organ reaches the border of the image ({sides}) and may go on outside of it; there the surface is not "
         "that of the organ."
+    ),
+    "reaches_border": _(
+        "The organ reaches the border of the image ({sides}) with {share:.1%} of its area, and may go on outside of "
+        "it; there the surface is not that of the organ."
     ),
     "region_larger_than_seen": _(
         "The separated region of {region_ml:.1f} ml is larger than the {seen_ml:.1f} ml seen from the seeds; it may "

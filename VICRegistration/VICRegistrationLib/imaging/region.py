@@ -81,6 +81,16 @@ class Region:
         """Volume of the voxels in millilitres."""
         return np.count_nonzero(self.mask) * self.image.voxel_volume / 1000.0
 
+    @property
+    def border_area(self) -> float:
+        """Area with which the region lies at the border of its image, mm^2."""
+        steps, area = self.ijk_to_ras[:3, :3], 0.0
+        for face in self.touches_border:
+            axis = "ijk".index(face[0])
+            pixel = np.linalg.norm(np.cross(*np.delete(steps, axis, axis=1).T))
+            area += pixel * np.count_nonzero(self.mask.take(0 if face[1] == "-" else -1, axis=2 - axis))
+        return float(area)
+
 
 def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
     """Take a region from a segmentation on the image's grid.

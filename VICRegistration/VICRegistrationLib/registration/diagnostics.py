@@ -35,9 +35,8 @@ def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
     list of Diagnostic
         Empty if nothing is known to be wrong.
     """
-    region = [] if fit.region is None else region_diagnostics(image, fit.whole_region or fit.region)
     shown = [*_without_edge(fit), *_points_without_edge(fit)]
-    return [*_invalid(fit), *_unconverged(fit), *region, *shown, *_unlike_region(fit), *_stacks(fit)]
+    return [*_invalid(fit), *_unconverged(fit), *_region(image, fit), *shown, *_unlike_region(fit), *_stacks(fit)]
 
 
 def _stacks(fit: OrganFit) -> list[Diagnostic]:
@@ -50,7 +49,7 @@ def _stacks(fit: OrganFit) -> list[Diagnostic]:
 
 
 def region_diagnostics(image: Image, region: Region) -> list[Diagnostic]:
-    """Find what looks wrong about a separated region.
+    """Find what looks wrong about a separated region, before a surface is fitted to it.
 
     Parameters
     ----------
@@ -63,7 +62,7 @@ def region_diagnostics(image: Image, region: Region) -> list[Diagnostic]:
     list of Diagnostic
     """
     sides = border_sides(image, region)
-    return [*([Diagnostic("reaches_border", {"sides": sides})] if sides else []), *region.diagnostics]
+    return [*([Diagnostic("region_at_border", {"sides": sides})] if sides else []), *region.diagnostics]
 
 
 def border_sides(image: Image, region: Region) -> list[str]:
@@ -87,6 +86,16 @@ def _side(image: Image, face: str) -> str:
     axis, sign = "ijk".index(face[0]), -1.0 if face[1] == "-" else 1.0
     outward = sign * image.ijk_to_ras[:3, axis]
     return patient_side(outward)
+
+
+def _region(image: Image, fit: OrganFit) -> list[Diagnostic]:
+    """What looks wrong about the region of a fit: how much of the surface the border of the image cuts, and the rest."""
+    region = fit.whole_region or fit.region
+    if region is None:
+        return []
+    sides, share = border_sides(image, region), region.border_area / fit.surface.area()
+    at_border = [Diagnostic("reaches_border", {"sides": sides, "share": share})] if sides else []
+    return [*at_border, *region.diagnostics]
 
 
 def _invalid(fit: OrganFit) -> list[Diagnostic]:
