@@ -89,7 +89,7 @@ def _side(image: Image, face: str) -> str:
 
 
 def _region(image: Image, fit: OrganFit) -> list[Diagnostic]:
-    """What looks wrong about the region of a fit: how much of the surface the border of the image cuts, and the rest."""
+    """Describe what looks wrong about the region of a fit, and how much of the surface the image's border cuts."""
     region = fit.whole_region or fit.region
     if region is None:
         return []
