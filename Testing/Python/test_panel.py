@@ -206,3 +206,18 @@ def test_the_last_line_of_a_command_that_fails_is_the_sentence_to_show(tmp_path)
     LOOP.waitFor(lambda: ends)
     assert ends == [(2, "")]
     assert lines[-1].startswith("The surface file ")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the encoding of pipes is another one there by itself")
+@pytest.mark.usefixtures("recorded")
+def test_names_in_a_command_s_messages_come_through_whatever_the_encoding_of_pipes(tmp_path, monkeypatch):
+    for name, value in {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}.items():
+        monkeypatch.setenv(name, value)
+    from recorded_widgets.event_loop import LOOP
+
+    from VICRegistrationLib.gui.command import Command
+
+    lines, ends = [], []
+    Command(["gaps", str(tmp_path / "Müller.json")], lines.append, lambda *end: ends.append(end))
+    LOOP.waitFor(lambda: ends)
+    assert "Müller.json" in lines[-1]

@@ -42,8 +42,8 @@ class Command:
         self._process.connect("readyReadStandardError()", self._read)
         self._process.connect("finished(int,QProcess::ExitStatus)", self._finished)
         self._process.connect("errorOccurred(QProcess::ProcessError)", self._failed)
-        # Slicer sets it to PythonSlicer.
-        self._process.start(sys.executable, ["-c", _PROGRAM, str(_LIBRARY), *arguments])
+        # Slicer sets it to PythonSlicer. Windows has other encodings for pipes.
+        self._process.start(sys.executable, ["-X", "utf8", "-c", _PROGRAM, str(_LIBRARY), *arguments])
 
     def cancel(self):
         """Ask the process to end, and end it if it does not."""
@@ -75,4 +75,4 @@ class Command:
 
 
 def _text(content):
-    return content.data().decode("utf-8", "replace")
+    return content.data().decode("utf-8", "replace").replace("\r\n", "\n")

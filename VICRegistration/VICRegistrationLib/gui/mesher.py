@@ -140,7 +140,8 @@ def _installGmsh():
     except ImportError:
         pip_install = slicer.util.pip_install
     try:
-        pip_install("gmsh")
+        with slicer.util.WaitCursor():
+            pip_install("gmsh")
     except (subprocess.CalledProcessError, RuntimeError, OSError):
         logging.exception("The package gmsh could not be installed")
         return False
