@@ -147,6 +147,20 @@ def test_tables_of_scenes_that_were_loaded_together_are_joined(add_row, scene, t
     assert len({row["Volume Dice"] for row in rows()}) == 1
 
 
+def test_a_copy_of_the_table_is_kept(add_row, scene):
+    add_row("P 1", "bladder", "expert")
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(scene)
+    logic = slicer.vtkSlicerSubjectHierarchyModuleLogic
+    item = logic.CloneSubjectHierarchyItem(hierarchy, hierarchy.GetItemByDataNode(table()))
+    copy = hierarchy.GetItemDataNode(item)
+    before = copy.GetTable().GetValueByName(0, "Volume Dice").ToDouble()
+    add_row("P 1", "bladder", "expert", which=1)
+    add_row("P 2", "bladder", "expert")
+    assert [name for name, *_ in names_in_rows()] == ["P 1", "P 2"]
+    assert (copy.GetScene(), copy.GetNumberOfRows()) == (scene, 1)
+    assert copy.GetTable().GetValueByName(0, "Volume Dice").ToDouble() == before != rows()[0]["Volume Dice"]
+
+
 def test_without_a_comparison_there_is_nothing_to_copy(logic, organ):
     from VICRegistrationLib.mrml.comparison_table import tableAsCsv
 

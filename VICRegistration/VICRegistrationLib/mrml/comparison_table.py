@@ -30,10 +30,14 @@ def comparisonTable():
     nodes = slicer.util.getNodesByClass("vtkMRMLTableNode")
     tables = [node for node in nodes if node.GetAttribute(TYPE_ATTRIBUTE) == _COMPARISON]
     for other in tables[1:]:
-        columns = _columns(other)
-        for row in range(other.GetNumberOfRows()):
-            _write(tables[0], {column.GetName(): column.GetValue(row) for column in columns})
-        removeNodes([other])
+        columns, count = _columns(other), other.GetNumberOfRows()
+        rows = [{column.GetName(): column.GetValue(row) for column in columns} for row in range(count)]
+        new = [values for values in rows if _rowOf(tables[0].GetTable(), values) is None]
+        for values in new:
+            _write(tables[0], values)
+        # Without a new row it is a copy that somebody keeps.
+        if new:
+            removeNodes([other])
     return tables[0] if tables else None
 
 
@@ -124,7 +128,8 @@ def _write(node, values):
         for name, value in values.items():
             if table.GetColumnByName(name) is None:
                 _addColumn(table, name, vtk.vtkStringArray if isinstance(value, str) else vtk.vtkDoubleArray)
-        row = _rowOf(table, {name: values.get(name, "") for name in _KEYS})
+        row = _rowOf(table, values)
+        row = table.InsertNextBlankRow() if row is None else row
         for name, value in values.items():
             table.SetValueByName(row, name, vtk.vtkVariant(value))
         table.Modified()
@@ -140,12 +145,12 @@ def _addColumn(table, name, kind):
     table.AddColumn(column)
 
 
-def _rowOf(table, names):
-    """Row with these texts by its number; a new one at the end if there is none."""
+def _rowOf(table, values):
+    """Number of the row of the same patient, organ and reference, or None."""
     for row in range(table.GetNumberOfRows()):
-        if all(table.GetValueByName(row, name).ToString() == text for name, text in names.items()):
+        if all(table.GetValueByName(row, name).ToString() == values.get(name, "") for name in _KEYS):
             return row
-    return table.InsertNextBlankRow()
+    return None
 
 
 def _written(column, row):
