@@ -125,6 +125,23 @@ def test_a_scene_without_the_automatic_net_and_smoothness_is_read(logic, through
     assert (organ.options().net, organ.options().smoothness) == (None, None)
 
 
+def test_choices_and_records_of_another_version_are_passed_over(logic, through_a_bundle):
+    from VICRegistrationLib.mrml.stacks import stacksOf
+
+    volume = mrml_scenes.add_volume()
+    organ = logic.addOrgan(volume, [CENTER], name="bladder")
+    organ.netRows, organ.solver = 13, type(organ.solver).GRADIENT_DESCENT
+    organ.stackVolumes, organ.stackRecords = [volume], ['{"used": false, "reason": "moved", "later": 1}']
+    for name in ("loss", "state"):
+        organ.parameterNode.SetParameter(name, "UNHEARD_OF")
+    through_a_bundle()
+    (organ,) = logic.organs()
+    assert (organ.loss.name, organ.state.name, organ.solver.name) == ("SQUARES", "NEW", "GRADIENT_DESCENT")
+    assert organ.netRows == 13
+    (record,) = stacksOf(organ).values()
+    assert (record.used, record.reason) == (False, "moved")
+
+
 @pytest.mark.parametrize("renamed", [False, True])
 def test_every_node_comes_back_under_whatever_name(logic, through_a_bundle, renamed):
     volume = mrml_scenes.add_volume()

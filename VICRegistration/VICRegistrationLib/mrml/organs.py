@@ -9,7 +9,7 @@ import slicer
 from ..organ_colours import ORGAN_COLOURS, OTHER_COLOURS, rgb
 from .colors import updateLegends
 from .organ_nodes import nodesOf, paint, removeNodes, removeSegment
-from .parameters import OrganParameters
+from .parameters import OrganParameters, forgetUnknownChoices
 from .regions import TYPE_ATTRIBUTE
 
 # The usual organs; others take the next colour that is free.
@@ -64,6 +64,7 @@ class Organs:
         """
         kept = self._wrappers.get(node.GetID())
         if kept is None or kept.parameterNode is not node:
+            forgetUnknownChoices(node)
             kept = self._wrappers[node.GetID()] = OrganParameters(node)
         return kept
 

@@ -317,6 +317,18 @@ class OrganParameters:
         return [node for node in self.stackContours if node is not None and node.GetDisplayNode() is not None]
 
 
+def forgetUnknownChoices(parameterNode):
+    """Let an organ of another version have the defaults in place of choices that this one does not know.
+
+    Parameters
+    ----------
+    parameterNode : vtkMRMLScriptedModuleNode
+    """
+    for name, kind in OrganParameters.__annotations__.items():
+        if isinstance(kind, enum.EnumMeta) and parameterNode.GetParameter(name) not in kind.__members__:
+            parameterNode.UnsetParameter(name)
+
+
 @parameterNodeWrapper
 class ModuleParameters:
     """The module: the volume with the further stacks that are chosen, and its organs, in the order of the table."""

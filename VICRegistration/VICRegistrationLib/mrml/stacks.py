@@ -7,7 +7,7 @@ voxels: so it stays right whatever transform a volume is put under later, or bea
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import slicer
@@ -171,7 +171,7 @@ def stacksOf(organ):
     found = {}
     for node, text in zip(organ.stackVolumes, organ.stackRecords):
         if node is not None and node.GetScene() is not None:
-            found[node] = StackRecord(**json.loads(text))
+            found[node] = _recordIn(text)
     return found
 
 
@@ -327,6 +327,12 @@ def _recordOf(use, volumeNode):
         cost=float(use.cost) if np.isfinite(use.cost) else -1.0,
         motion=tuple(motion.ravel().tolist()),
     )
+
+
+def _recordIn(text):
+    """Record of a scene, of which another version may have written more."""
+    known = {field.name for field in fields(StackRecord)}
+    return StackRecord(**{name: value for name, value in json.loads(text).items() if name in known})
 
 
 def _store(organ, records):
