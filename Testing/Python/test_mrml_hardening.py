@@ -97,6 +97,63 @@ def test_a_volume_that_is_taken_out_of_its_transform_takes_its_organs_along(logi
     np.testing.assert_allclose(seeds(organ), [CENTER], atol=1e-6)
 
 
+@pytest.fixture
+def two_volumes(logic):
+    """An organ fitted in a volume under a rotation, with a boundary point; and a volume that shows the same place."""
+    from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf
+
+    volume, organ = fitted_under(logic, MATRICES["rotation"])
+    boundaryPointsOf(organ, volume).AddControlPointWorld(1.0, 2.0, 3.0)
+    return organ, volume, mrml_scenes.add_volume(mrml_scenes.oblique(matrix=MATRICES["rotation"]), name="other")
+
+
+def places(organ):
+    lists = (organ.seeds, organ.boundaryPoints)
+    return np.concatenate([slicer.util.arrayFromMarkupsControlPoints(node, world=True) for node in lists])
+
+
+def test_points_stay_where_they_are_when_another_volume_is_chosen(two_volumes):
+    from VICRegistrationLib.mrml.organ_nodes import boundaryPointsOf, seedsOf
+
+    organ, volume, other = two_volumes
+    before = places(organ)
+    for chosen in (other, volume, other):
+        for pointsOf in (seedsOf, boundaryPointsOf):
+            assert pointsOf(organ, chosen).GetParentTransformNode() is chosen.GetParentTransformNode()
+        np.testing.assert_allclose(places(organ), before, atol=1e-4)
+
+
+def test_a_surface_stays_in_its_volume_while_the_organ_is_separated_in_another(two_volumes):
+    from VICRegistrationLib.mrml.organ_nodes import followVolume, volumeOf
+    from VICRegistrationLib.mrml.separating import separateOrgan
+
+    organ, volume, other = two_volumes
+    before = mrml_scenes.hardened_points(organ.surface)
+    separateOrgan(organ, other)
+    followVolume(organ, other)
+    assert volumeOf(organ) is volume
+    np.testing.assert_array_equal(mrml_scenes.hardened_points(organ.surface), before)
+
+
+def test_a_fit_in_another_volume_that_is_cancelled_brings_the_surface_back(logic, two_volumes):
+    from VICRegistrationLib.mrml.fitting import fitSteps
+    from VICRegistrationLib.mrml.organ_nodes import volumeOf
+    from VICRegistrationLib.registration.steps import finish
+
+    organ, volume, other = two_volumes
+    organ.boundaryPoints.RemoveAllControlPoints()
+    before = mrml_scenes.hardened_points(organ.surface)
+    steps = fitSteps(organ, other)
+    next(steps)
+    assert organ.surface.GetParentTransformNode() is None
+    steps.close()
+    assert volumeOf(organ) is volume
+    np.testing.assert_array_equal(mrml_scenes.hardened_points(organ.surface), before)
+    finish(fitSteps(organ, other))
+    assert volumeOf(organ) is other
+    assert np.abs(closest_points(logic.surface(organ), before[::20]).distances).mean() < 0.1
+
+
 def with_filter(algorithm, model):
     """A new model with what a filter makes of the triangles of another; field data passes through."""
     algorithm.SetInputData(model.GetPolyData())

@@ -8,7 +8,7 @@ from slicer.i18n import tr as _
 from slicer.util import VTKObservationMixin
 
 from ..mrml.fitting import boundaryDeviations
-from ..mrml.organ_nodes import boundaryPointsOf
+from ..mrml.organ_nodes import boundaryPointsOf, volumeOf
 from ..mrml.points import placedPoints, placingEvents, removeLastPoint
 from .binding import Binding
 from .widgets import fitHeight, setUpTable, showPlaceButtons
@@ -50,7 +50,7 @@ class CorrectSection(VTKObservationMixin):
         if organ is not None and volumeNode is not None:
             self._organ, self._volume = organ, volumeNode
             self._binding.bind(organ, {"boundaryWeight": self._ui.boundaryWeightSlider})
-            points = boundaryPointsOf(organ, volumeNode)
+            points = boundaryPointsOf(organ, volumeOf(organ) or volumeNode)
             for event in placingEvents():
                 self.addObserver(points, event, self._pointsChanged)
         self._ui.boundaryPlaceWidget.setCurrentNode(points)
@@ -83,7 +83,7 @@ class CorrectSection(VTKObservationMixin):
 
     def _deviations(self):
         try:
-            found = boundaryDeviations(self._organ, self._volume)
+            found = boundaryDeviations(self._organ, volumeOf(self._organ) or self._volume)
         except ValueError as error:
             self._ui.correctStatusLabel.text = str(error)
             return []

@@ -7,7 +7,7 @@ from slicer.i18n import tr as _
 
 from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
 from .convergence import showConvergence
-from .organ_nodes import convergenceOf, followVolume, modelOf, removeNodes, setRegionVisible
+from .organ_nodes import convergenceOf, followVolume, modelOf, removeNodes, setRegionVisible, volumeOf
 from .parameters import OrganState
 from .points import labelPoints
 from .sentences import sentence
@@ -15,7 +15,7 @@ from .separating import imageAndRegion
 from .stack_contours import showStackContours
 from .stacks import keepStacks, leftOutSentences, stacksOf, stacksToFit, wallPoints
 from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
-from .volumes import imageFromVolume
+from .volumes import imageFromVolume, putUnderVolume
 
 
 def fitSteps(organ, volumeNode, furtherStacks=()):
@@ -198,6 +198,7 @@ class _Bookkeeping:
             self._needed.append((node, _("stack {name}").format(name=node.GetName()), _("Fit again without it.")))
         self._fitted, self._leftOut = (), {}
         self.before = organ.surface.GetPolyData() if organ.surface is not None else None
+        self.volumeBefore = volumeOf(organ)
         self.colored = coloredBy(organ.surface)
         self.model = None
 
@@ -211,6 +212,8 @@ class _Bookkeeping:
         # The model is kept here too: an organ that was removed from the scene does not know it any more.
         if _isThere(self.model) and self.before is not None:
             exchangePolyData(self.model, self.before)
+            if _isThere(self.volumeBefore):
+                putUnderVolume(self.model, self.volumeBefore)
             self._colorAgain()
         elif _isThere(self.model):
             removeNodes([self.model])

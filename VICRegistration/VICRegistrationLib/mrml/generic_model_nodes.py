@@ -16,11 +16,11 @@ from .organ_nodes import createFolder, removeNodes
 from .organs import storable
 from .regions import TYPE_ATTRIBUTE
 from .surfaces import affineMap, createModel
-from .volumes import linearRelation, putUnderVolume
+from .volumes import VOLUME, linearRelation, putUnderVolume
 
 _TYPE = "generic model"
-# Attributes of the text and of a part, and the reference of both to their volume.
-_MESSAGE, _PART, _VOLUME = "VIC.message", "VIC.part", "VIC.volume"
+# Attributes of the text and of a part.
+_MESSAGE, _PART = "VIC.message", "VIC.part"
 # Numbers of the triangles' patches, from 1.
 _PATCH = "patch_number"
 # As in the pictures of models.
@@ -251,7 +251,7 @@ def _createText(volumeNode):
     name = _("{volume} (generic model)").format(volume=volumeNode.GetName())
     node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTextNode", name)
     node.SetAttribute(TYPE_ATTRIBUTE, _TYPE)
-    node.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+    node.SetNodeReferenceID(VOLUME, volumeNode.GetID())
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), createFolder(hierarchy, volumeNode, name))
     return node
@@ -260,7 +260,7 @@ def _createText(volumeNode):
 def _createPart(volumeNode, name):
     node = createModel(storable(name), (0.8, 0.8, 0.8))
     node.SetAttribute(_PART, name)
-    node.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+    node.SetNodeReferenceID(VOLUME, volumeNode.GetID())
     return node
 
 
@@ -274,7 +274,7 @@ def _putBeside(textNode, node):
 def _belonging(className, volumeNode):
     """Nodes of a class that refer to a volume as theirs."""
     nodes = slicer.util.getNodesByClass(className) if volumeNode is not None else []
-    return [node for node in nodes if node.GetNodeReference(_VOLUME) is volumeNode]
+    return [node for node in nodes if node.GetNodeReference(VOLUME) is volumeNode]
 
 
 def _withNormals(data):
@@ -301,7 +301,7 @@ def _showPatchColors(volumeNode, model):
         name = _("{volume} patches").format(volume=volumeNode.GetName())
         table = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLColorTableNode", name)
         table.SetTypeToUser()
-        table.SetNodeReferenceID(_VOLUME, volumeNode.GetID())
+        table.SetNodeReferenceID(VOLUME, volumeNode.GetID())
     table.SetNumberOfColors(len(model.patches) + 1)
     # Opaque: one translucent colour would make everything translucent.
     table.SetColor(0, _("no patch"), 0.0, 0.0, 0.0, 1.0)

@@ -12,7 +12,7 @@ from .convergence import createPlot, seriesOf
 from .points import createPoints, paintPoints
 from .regions import TYPE_ATTRIBUTE, addSegment, findRegions, regionsOf
 from .surfaces import createModel
-from .volumes import putUnderVolume
+from .volumes import VOLUME, putUnderVolume
 
 _FOLDER = "folder"
 _BOUNDARY_COLOR = (1.0, 0.95, 0.2)
@@ -84,7 +84,7 @@ def setRegionVisible(organ, visible):
 
 
 def volumeOf(organ):
-    """Volume that an organ was separated in last.
+    """Volume that an organ's surface lies in; without a surface, the one that it was separated in last.
 
     Parameters
     ----------
@@ -94,6 +94,9 @@ def volumeOf(organ):
     -------
     vtkMRMLScalarVolumeNode or None
     """
+    own = organ.surface.GetNodeReference(VOLUME) if organ.surface is not None else None
+    if own is not None:
+        return own
     role = slicer.vtkMRMLSegmentationNode.GetReferenceImageGeometryReferenceRole()
     return organ.regions.GetNodeReference(role) if organ.regions is not None else None
 
@@ -224,7 +227,7 @@ def convergenceOf(organ, volumeNode):
 
 
 def followVolume(organ, volumeNode):
-    """Put what belongs to an organ under the transform that its volume is under now, or that was hardened on it.
+    """Put what an organ has in a volume under the transform that the volume is under now, or that was hardened on it.
 
     Parameters
     ----------
@@ -232,7 +235,7 @@ def followVolume(organ, volumeNode):
     volumeNode : vtkMRMLScalarVolumeNode
     """
     for node in (organ.seeds, organ.boundaryPoints, organ.regions, organ.surface):
-        if node is not None:
+        if node is not None and node.GetNodeReference(VOLUME) in (None, volumeNode):
             putUnderVolume(node, volumeNode)
 
 

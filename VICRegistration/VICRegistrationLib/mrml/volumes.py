@@ -13,8 +13,8 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-# Attribute of what is put under a volume: the volume's grid at that time.
-_GRID = "VIC.grid"
+# Reference of what is put under a volume to the volume, and its attribute with the volume's grid at that time.
+VOLUME, _GRID = "VIC.volume", "VIC.grid"
 _GREY_VOLUME = "vtkMRMLScalarVolumeNode"
 
 
@@ -147,18 +147,24 @@ def putUnderVolume(node, volumeNode):
 
     Notes
     -----
-    Where the transform was hardened on the volume, which then stays in its place in the world, so does the node.
+    Where the transform was hardened on the volume, which then stays in its place in the world, so does the node. So do
+    points that were placed in another volume.
     """
-    grid, parent = gridOf(volumeNode), volumeNode.GetParentTransformNode()
-    hardened = _wasHardened(volumeNode, node.GetParentTransformNode(), node.GetAttribute(_GRID))
+    parent, before = volumeNode.GetParentTransformNode(), node.GetParentTransformNode()
+    remembered, own = node.GetAttribute(_GRID), node.GetNodeReference(VOLUME)
+    hardened = own in (None, volumeNode) and _wasHardened(volumeNode, before, remembered)
     if hardened:
         node.HardenTransform()
+    elif own is not volumeNode and before is not parent and remembered is not None and node.IsA("vtkMRMLMarkupsNode"):
+        node.ApplyTransform(_between(before, parent))
     node.SetAndObserveTransformNodeID(parent.GetID() if parent else None)
     if hardened and node.IsA("vtkMRMLSegmentationNode"):
         node.SetReferenceImageGeometryParameterFromVolumeNode(volumeNode)
-    text = " ".join(f"{number!r}" for number in grid.ravel().tolist())
-    if node.GetAttribute(_GRID) != text:
+    text = " ".join(f"{number!r}" for number in gridOf(volumeNode).ravel().tolist())
+    if remembered != text:
         node.SetAttribute(_GRID, text)
+    if own is not volumeNode:
+        node.SetNodeReferenceID(VOLUME, volumeNode.GetID())
 
 
 def _wasHardened(volumeNode, before, remembered):
@@ -229,10 +235,15 @@ def transformedPoints(source, target, points):
     points = np.atleast_2d(np.asarray(points, dtype=float)).reshape(-1, 3)
     if source is target:
         return points
-    transform = vtk.vtkGeneralTransform()
-    slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(source, target, transform)
     given, moved = vtk.vtkPoints(), vtk.vtkPoints()
     given.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
     moved.SetDataTypeToDouble()
-    transform.TransformPoints(given, moved)
+    _between(source, target).TransformPoints(given, moved)
     return vtk_to_numpy(moved.GetData()).reshape(-1, 3).copy()
+
+
+def _between(source, target):
+    """Transform from below one transform node, or the world, to below another."""
+    transform = vtk.vtkGeneralTransform()
+    slicer.vtkMRMLTransformNode.GetTransformBetweenNodes(source, target, transform)
+    return transform
