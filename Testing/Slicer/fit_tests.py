@@ -71,6 +71,24 @@ class FitTest(PanelTestCase):
         self.assertEqual(len(self.panel.organs), 0)
         self.assertEqual(self.ui.organsTable.rowCount, 0)
 
+    def test_aNewOrganThatWaitsIsNotFittedAfterCancelOrClosing(self):
+        self.ui.fitAtOnceCheck.checked = True
+        try:
+            for end in (self.ui.cancelButton.click, slicer.mrmlScene.Clear):
+                for name in ("bladder", "vagina"):
+                    self.add(name)
+                    self.organ.seeds.AddControlPointWorld(*self.phantom.seeds[name][0])
+                    self.panel.separateSection.separate()
+                self.assertTrue(self.panel.fitSection.running)
+                end()
+                self.waitForFit()
+                slicer.app.processEvents()
+                self.assertFalse(self.panel.fitSection.running)
+                self.assertNotIn("needed", self.ui.fitStatusLabel.text)
+                self.assertFalse([organ for organ in self.panel.organs if organ.surface is not None])
+        finally:
+            self.ui.fitAtOnceCheck.checked = False
+
     def test_anotherModuleIsChosenMeanwhile(self):
         self.add("bladder")
         self.placeSeeds("bladder")

@@ -88,6 +88,23 @@ class SceneTest(PanelTestCase):
         self.add("bladder")
         self.assertEqual(self.ui.fitStatusLabel.text, "")
 
+    def test_noOtherVolumeIsChosenForOrgansWhileAnotherModuleIsShown(self):
+        self.add("bladder")
+        slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "other")
+        self.widget.exit()
+        slicer.mrmlScene.RemoveNode(self.volume)
+        self.widget.enter()
+        self.assertIsNone(self.ui.volumeSelector.currentNode())
+        self.assertIn("Load an MRI", self.ui.fitStatusLabel.text)
+
+    def test_pointsThatArePlacedAreSeen(self):
+        organ = self.fitted("bladder")
+        self.ui.organsTable.cellWidget(0, 0).click()
+        self.assertFalse(organ.boundaryPoints.GetDisplayNode().GetVisibility())
+        self.ui.boundaryPlaceWidget.setPlaceModeEnabled(True)
+        self.assertTrue(organ.boundaryPoints.GetDisplayNode().GetVisibility())
+        self.assertFalse(organ.surface.GetDisplayNode().GetVisibility())
+
     def test_aDeletedSegmentIsMissed(self):
         self.add("bladder")
         self.placeSeeds("bladder")

@@ -55,6 +55,7 @@ class Panel(VTKObservationMixin):
         self.exportSection = ExportSection(ui)
         self.compareSection = CompareSection(ui)
         self.modelSection = ModelSection(ui, self._progressed)
+        ui.cancelButton.connect("clicked()", self._takeReady)
         ui.volumeSelector.connect("nodeActivated(vtkMRMLNode*)", self.showVolume)
         self.advancedSection = AdvancedSection(ui)
         # Slicer's settings file holds text.
@@ -72,8 +73,7 @@ class Panel(VTKObservationMixin):
         self.parameters = self.logic.getParameterNode()
         self.organs = Organs(self.parameters)
         self.organs.adopt()
-        if self.parameters.volume is None:
-            self.parameters.volume = next(iter(greyVolumes()), None)
+        self._volumeCame()
         self._volumeBinding.bind(self.parameters, {"volume": self.ui.volumeSelector})
         self.modelSection.setModule(self.parameters.parameterNode)
         self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
@@ -105,11 +105,11 @@ class Panel(VTKObservationMixin):
 
     def stop(self):
         """End what is under way, and follow nothing any more."""
+        self._toFit = []
         self.fitSection.stop()
         self.exportSection.stop()
         self.modelSection.stop()
         self.stacksSection.stop()
-        self._toFit = []
         self.close()
 
     def addOrgan(self, name):
@@ -186,11 +186,16 @@ class Panel(VTKObservationMixin):
         self.refresh()
         if self.organs is None or self.fitSection.running or self.modelSection.running:
             return
-        ready = [organ for organ in self.organs if organ.parameterNode in self._toFit and self._isReady(organ)]
-        self._toFit = [node for node in self._toFit if node not in [organ.parameterNode for organ in ready]]
+        ready = self._takeReady()
         if ready:
             # The next organ's seed may be about to be placed: that goes on.
             self.fitSection.fit(ready, self._volume, self.stacksSection.chosen())
+
+    def _takeReady(self):
+        """Take those that have a region from the new organs that wait for their fit; cancelling takes them as well."""
+        ready = [organ for organ in self.organs or () if organ.parameterNode in self._toFit and self._isReady(organ)]
+        self._toFit = [node for node in self._toFit if node not in [organ.parameterNode for organ in ready]]
+        return ready
 
     def _isReady(self, organ):
         """Whether a new organ has its region; one that was left before that gets it by its fit."""
@@ -254,15 +259,15 @@ class Panel(VTKObservationMixin):
                 setattr(self._organ, name, None)
 
     def _volumeCame(self):
-        """Choose a volume that was loaded while none is chosen; organs that are there belong to another one."""
+        """Choose a volume of the scene while none is chosen; organs that are there belong to another one."""
         if self.parameters is not None and self.parameters.volume is None and not len(self.organs):
             self.parameters.volume = next(iter(greyVolumes()), None)
 
     def _volumeMoved(self, volume):
         """Let what lies in a volume follow it."""
         for organ in self.organs:
+            followVolume(organ, volume)
             if (volumeOf(organ) or self._volume) is volume:
-                followVolume(organ, volume)
                 updateVolume(organ)
             followStacks(organ)
         followVolumeWithModel(volume)

@@ -110,7 +110,7 @@ def signalsBlocked(widget):
 
 
 def showPlaceButtons(widget):
-    """Show the buttons that place and delete points, and none of the others.
+    """Show the buttons that place and delete points, and none of the others; points that are being placed are shown.
 
     Parameters
     ----------
@@ -119,6 +119,13 @@ def showPlaceButtons(widget):
     widget.buttonsVisible = False
     widget.placeButton().show()
     widget.deleteButton().show()
+    widget.connect("activeMarkupsPlaceModeChanged(bool)", lambda placing: placing and _show(widget.currentNode()))
+
+
+def _show(node):
+    # Slicer places points in a hidden list too, and nothing of them is seen.
+    if node.GetDisplayNode() is not None:
+        node.GetDisplayNode().SetVisibility(True)
 
 
 def stopPlacing(widget):
