@@ -146,7 +146,7 @@ def _addColumn(table, name, kind):
 
 
 def _rowOf(table, values):
-    """Number of the row of the same patient, organ and reference, or None."""
+    """Find the row of the same patient, organ and reference; its number, or None."""
     for row in range(table.GetNumberOfRows()):
         if all(table.GetValueByName(row, name).ToString() == values.get(name, "") for name in _KEYS):
             return row
