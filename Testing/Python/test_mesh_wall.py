@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -50,8 +52,27 @@ def test_a_wall_thicker_than_a_hollow_is_refused_with_the_place():
     hollow = ball.with_control_net(net - towards * [0.0, 14.0, 0.0])
     assert not check_surface(hollow)
     assert offset_surface(hollow, 1.0).closed
-    with pytest.raises(ValueError, match=r"A wall of 15 mm around bladder would pass through itself at R -?\d+\.\d, A"):
+    words = r"A wall of 15 mm around bladder would pass through itself at R .*, A .* hollow with a radius of \S+ mm"
+    with pytest.raises(ValueError, match=words) as refusal:
         offset_surface(hollow, 15.0, name="bladder")
+    (possible,) = re.findall(r"; (\S+) mm is possible\.", str(refusal.value))
+    assert offset_surface(hollow, float(possible)).closed
+
+
+def test_shallow_creases_at_a_pole_do_not_fold_the_wall():
+    """As fits leave them: the pole has a tangent plane, and beside it a crease whose radius is less than the wall."""
+    ball = closed_organ((33, 19), axes=np.diag([12.0, 12.0, 20.0]))
+    net = ball.control_net.copy()
+    around = np.arctan2(net[:, 2, 1], net[:, 2, 0])
+    net[:, 2, 2] -= np.sign(net[0, 0, 2]) * 0.1 * (1.0 + np.cos(6.0 * around))
+    creased = ball.with_control_net(net)
+    assert not check_surface(creased)
+    (low, high), u = creased.domain[1], np.linspace(*creased.domain[0], 64)
+    assert -1.0 / curvatures(creased, u, np.array([low + 0.01 * (high - low)]))[..., 0].min() < 2.0
+    outer = offset_surface(creased, 2.0)
+    assert not check_surface(outer)
+    points = outer.grid(u, np.linspace(low, low + 0.2 * (high - low), 40)).reshape(-1, 3)
+    np.testing.assert_allclose(closest_points(creased, points).distances, 2.0, atol=0.03)
 
 
 def test_a_wall_that_meets_itself_from_two_sides_is_refused():

@@ -1,11 +1,14 @@
-"""The outer surface of a wall: a B-spline surface at a distance along the exact normals."""
+"""The outer surface of a wall: a B-spline surface at a distance from the lumen's."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import linalg as sparse_linalg
 
 from ..geometry import bspline
+from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from .sizes import curvatures
@@ -14,6 +17,10 @@ from .sizes import curvatures
 _RELATIVE, _ABSOLUTE = 0.01, 0.01
 # A net with more columns or rows than this is too much for any mesher.
 _LARGEST_NET = 140
+# What is tried for the message where a wall is not possible.
+_THINNER = (0.75, 0.5, 0.25)
+# A ring of control points that is flatter than this lies in one plane.
+_PLANE = 1e-6
 
 
 def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the organ") -> BSplineSurface:
@@ -31,7 +38,9 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
     Returns
     -------
     BSplineSurface
-        Interpolates S + distance n with as many knots as keep the thickness within 1 % or 0.01 mm.
+        Interpolates S + distance n, with as few knots as keep its distance from S within 1 % or 0.01 mm. At a
+        pole, S has a tangent plane but may have shallow creases along rays, whose exact offset is folded however small
+        they are. Where it is, the ring of control points around the pole is an affine image of that of S.
 
     Raises
     ------
@@ -39,45 +48,60 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
         If the wall would pass through itself, with the place; or if the surface has an edge on which a wall cannot
         stand.
     """
-    _check_hollows(surface, distance, name)
-    tolerance = max(_RELATIVE * distance, _ABSOLUTE)
-    refined = surface
-    while max(refined.control_net.shape[:2]) <= _LARGEST_NET:
-        outer = _interpolated(surface, refined, distance)
-        worst, place = _thickness_error(surface, outer, distance)
-        if worst <= tolerance:
-            _check_outer(surface, outer, distance, name)
-            return outer
-        refined = refined.refined()
+    outer, fault = _outer(surface, distance)
+    if outer is not None:
+        return outer
+    if fault.edge:
+        msg = (
+            f"The wall of {name} cannot be made {distance:g} mm thick at {_at(fault.place)}, where the surface has an "
+            "edge; fit the organ with the smooth closure."
+        )
+        raise ValueError(msg)
+    thinner = (fraction * distance for fraction in _THINNER)
+    possible = next((each for each in thinner if _outer(surface, each)[0] is not None), None)
+    remedy = "no thinner one was found either" if possible is None else f"{possible:.3g} mm is possible"
     msg = (
-        f"The wall of {name} cannot be made {distance:g} mm thick at {_at(place)}, where the surface has an edge; "
-        "fit the organ with the smooth closure."
+        f"A wall of {distance:g} mm around {name} would pass through itself at {_at(fault.place)}{fault.cause}; "
+        f"{remedy}."
     )
     raise ValueError(msg)
 
 
-def _check_hollows(surface: BSplineSurface, distance: float, name: str) -> None:
-    """Refuse a wall that is thicker than the radius of a hollow of the surface."""
+@dataclass(frozen=True)
+class _Fault:
+    """Why there is no wall, and where, RAS mm."""
+
+    place: np.ndarray
+    cause: str = ""
+    edge: bool = False
+
+
+def _outer(surface: BSplineSurface, distance: float) -> tuple[BSplineSurface | None, _Fault | None]:
+    """Surface at a distance with as few knots as it takes; or what is wrong with it."""
+    refined, fault = surface, None
+    while max(refined.control_net.shape[:2]) <= _LARGEST_NET:
+        exact = _interpolated(surface, refined, distance)
+        for outer in (exact, _with_smooth_poles(exact, refined)):
+            worst, place = _thickness_error(surface, outer, distance)
+            if worst > max(_RELATIVE * distance, _ABSOLUTE):
+                continue
+            problems = check_surface(outer)
+            if not problems:
+                return outer, None
+            fault = fault or _Fault(np.array(problems[0].point))
+        refined = refined.refined()
+    return None, _hollow(surface, distance) or fault or _Fault(place, edge=True)
+
+
+def _hollow(surface: BSplineSurface, distance: float) -> _Fault | None:
+    """Find the hollow with the smallest radius, if a wall is thicker than that."""
     u, v = (surface.span_steps(axis, per_span=8, middles=True) for axis in (0, 1))
     hollow = -curvatures(surface, u, v)[..., 0]
     i, j = np.unravel_index(np.argmax(hollow), hollow.shape)
-    if hollow[i, j] * distance >= 1.0:
-        place = surface.points([u[i]], [v[j]])[0]
-        msg = (
-            f"A wall of {distance:g} mm around {name} would pass through itself at {_at(place)}, where the surface "
-            f"is hollow with a radius of {1.0 / hollow[i, j]:.2g} mm; choose a thinner wall."
-        )
-        raise ValueError(msg)
-
-
-def _check_outer(surface: BSplineSurface, outer: BSplineSurface, distance: float, name: str) -> None:
-    problems = check_surface(outer)
-    if problems:
-        msg = (
-            f"A wall of {distance:g} mm around {name} would pass through itself at {_at(problems[0].point)}; "
-            "choose a thinner wall."
-        )
-        raise ValueError(msg)
+    if hollow[i, j] * distance < 1.0:
+        return None
+    cause = f", where the surface is hollow with a radius of {1.0 / hollow[i, j]:.2g} mm"
+    return _Fault(surface.points([u[i]], [v[j]])[0], cause)
 
 
 def _interpolated(surface: BSplineSurface, like: BSplineSurface, distance: float) -> BSplineSurface:
@@ -102,6 +126,16 @@ def _interpolated(surface: BSplineSurface, like: BSplineSurface, distance: float
     return BSplineSurface(degrees, *knots, net)
 
 
+def _with_smooth_poles(outer: BSplineSurface, like: BSplineSurface) -> BSplineSurface:
+    """Make the ring of control points around each pole an affine image of another surface's."""
+    net = np.array(outer.control_net)
+    for end, ring, pole in zip((0, -1), (1, -2), outer.poles):
+        if pole:
+            own, wanted = (each[:, ring] - each[0, end] for each in (like.control_net, net))
+            net[:, ring] = net[0, end] + own @ np.linalg.lstsq(own, wanted, rcond=_PLANE)[0]
+    return outer.with_control_net(net)
+
+
 def _offset_points(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distance: float) -> np.ndarray:
     """Points S + distance n on a grid of parameters, (m_u, m_v, 3); one point at each pole and along the seam."""
     normals = surface.grid_normals(u, v)
@@ -115,12 +149,17 @@ def _offset_points(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distan
 
 
 def _thickness_error(surface: BSplineSurface, outer: BSplineSurface, distance: float):
-    """Largest distance from the exact offset points between the knots, and where, RAS mm."""
+    """Largest difference of the wall's thickness between the knots, and where, RAS mm."""
     u, v = (outer.span_steps(axis, per_span=3, middles=True) for axis in (0, 1))
+    points = outer.grid(u, v)
+    # Along the normals first, which is quick: no point is farther from the surface than from its own one.
     exact = surface.grid(u, v) + distance * surface.grid_normals(u, v)
-    apart = np.linalg.norm(outer.grid(u, v) - exact, axis=2)
+    apart = np.linalg.norm(points - exact, axis=2)
+    doubtful = apart > max(_RELATIVE * distance, _ABSOLUTE)
+    if doubtful.any():
+        apart[doubtful] = np.abs(closest_points(surface, points[doubtful]).distances - distance)
     i, j = np.unravel_index(np.argmax(apart), apart.shape)
-    return float(apart[i, j]), surface.points([u[i]], [v[j]])[0]
+    return float(apart[i, j]), points[i, j]
 
 
 def _at(place: np.ndarray) -> str:
