@@ -326,6 +326,16 @@ def test_a_wall_without_its_lumen_is_told(tmp_path):
     assert read_reference(path, largest=True).diagnostics == ()
 
 
+def test_a_wall_that_is_open_in_its_last_slices_is_told(tmp_path):
+    mask = np.zeros((12, 12, 12), dtype=np.uint8)
+    mask[:, 2:10, 2:10] = 1
+    mask[:, 4:8, 4:8] = 0
+    path = tmp_path / "wall.nii.gz"
+    write_image(Image(mask, np.eye(4)), path)
+    (diagnostic,) = read_reference(path).diagnostics
+    assert (diagnostic.code, diagnostic.values["share"]) == ("reference_hollow", pytest.approx(16 / 64))
+
+
 def test_stray_pieces_of_a_label_are_told_and_left_out(tmp_path):
     array = np.zeros((20, 20, 20), dtype=np.uint8)
     array[4:14, 4:14, 4:14] = 2

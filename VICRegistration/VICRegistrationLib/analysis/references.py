@@ -24,9 +24,11 @@ _OTHER_SHAPES = (
     *(".vtu", ".msh", ".inp", ".med", ".unv", ".bdf", ".gii"),
 )
 
-
-# Share of a label's volume, filled, from which its hollows are no stray voxels.
-_HOLLOW = 0.01
+# Share of a label's volume, filled slice by slice, from which its hollows are no stray voxels. Of the walls in seven
+# real bladders that experts drew it is 0.75 to 0.88, of their lumens, tumours and of three hippocampi up to 0.0043.
+_HOLLOW = 0.03
+# Neighbours within a slice.
+_IN_SLICE = np.array([[[0, 0, 0]] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0, 0, 0]] * 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +154,9 @@ def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
 
 
 def _about_hollows(mask: np.ndarray, reference: str) -> tuple[Diagnostic, ...]:
-    """Warn of a wall without its lumen, whose inner surface would count."""
-    share = 1.0 - mask.sum() / fill_holes(mask).sum()
+    """Warn of a wall without its lumen, whose inner surface would count; it may be open in its last slices."""
+    background, count = ndimage.label(~np.pad(mask, ((0, 0), (1, 1), (1, 1))), structure=_IN_SLICE)
+    outside = np.zeros(count + 1, dtype=bool)
+    outside[background[:, 0, 0]] = True
+    share = 1.0 - mask.sum() / np.count_nonzero(~outside[background])
     return () if share < _HOLLOW else (Diagnostic("reference_hollow", {"reference": reference, "share": float(share)}),)
