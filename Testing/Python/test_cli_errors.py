@@ -161,7 +161,7 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
         (["--levels", "given", "--inside", "5"], ["bladder: The profile level is 'given'", "both grey levels"]),
         (["--label", "5"], ["--label was given without --reference or --region", "leave --label out"]),
         (["--largest"], ["--largest was given without --reference,", "leave --largest out"]),
-        (["--frame", "2"], ["--frame 2 was given", "holds 1 volume; leave it out"]),
+        (["--frame", "2"], ["Volume 2 was asked for", "holds 1 volume; leave it out"]),
         (["--organ", "a/b"], ["--organ", "'a/b'", "file name"]),
         (["--organ", "a\\b"], ["--organ", "file name"]),
         (["--organ", ".."], ["--organ", "file name"]),
@@ -186,6 +186,21 @@ def test_options_that_cannot_be_met(refused_fit, image_path, options, words):
     line = refused_fit(image_path, *ORGAN, *options)
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["fit", "mri.nrrd", "--frame", "RAS"], "'RAS' was given; the number of a volume is 1 or more (the frame of a"),
+        (["model", "fit", "mri.nrrd", "--frame", "0"], "'0' was given; the number of a volume is 1 or more; see"),
+        (["phantom", "out", "--motion", "-3,2"], "'-3,2' was given; two numbers from 0 are needed, mm and degrees"),
+    ],
+)
+def test_a_word_that_cannot_be_is_refused_with_flags_of_its_own_command(capsys, arguments, told):
+    with pytest.raises(SystemExit) as end:
+        cli.main(arguments)
+    assert end.value.code == 2
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

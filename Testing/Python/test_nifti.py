@@ -126,7 +126,7 @@ def test_one_of_four_dimensions_is_chosen(tmp_path):
         ValueError, match="holds 4 volumes; one volume is needed. Choose it with --frame 1 to --frame 4"
     ):
         read_image(path)
-    with pytest.raises(ValueError, match="--frame 5 was given, but .* holds 4 volumes"):
+    with pytest.raises(ValueError, match="Volume 5 was asked for, but .* holds 4 volumes"):
         read_image(path, frame=5)
     found = read_image(path, frame=3)
     np.testing.assert_array_equal(found.array.T, levels + 200)

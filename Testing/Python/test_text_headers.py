@@ -262,7 +262,7 @@ def test_one_of_several_volumes_is_chosen(tmp_path, sizes, kinds, vectors):
     assert "--frame 1 to --frame 3" in refusal(path)
     for frame in (1, 2, 3):
         notes_of(path, frame=frame)
-    assert f"--frame 4 was given, but {path} holds 3 volumes" in refusal(path, frame=4)
+    assert f"Volume 4 was asked for, but {path} holds 3 volumes" in refusal(path, frame=4)
 
 
 def test_a_space_that_itk_does_not_turn_is_refused(tmp_path):

@@ -35,6 +35,7 @@ _COMMANDS = (
 # that must not are to be refused with their own sentence.
 _NUMERIC = (
     *("--seed", "--boundary", "--size", "--wall", "--time-limit", "--volume-error", "--label", "--frame", "--points"),
+    "--motion",
     *fit_command.FLAGS.values(),
 )
 

@@ -18,7 +18,7 @@ from .references import OrganReference, chosen_labels, read_references, referenc
 
 # Flags of the options of a fit.
 FLAGS = {name: "--" + name.replace("_", "-") for name in OPTIONS}
-_FRAMES = "the number of a volume is 1 or more (the frame of a mesh is --reference-frame)"
+_FRAMES = "the number of a volume is 1 or more"
 
 _EPILOG = """\
 Coordinates are RAS mm, as Slicer shows them (right, anterior and superior are positive).
@@ -62,7 +62,7 @@ examples:
 def add_parser(subparsers) -> None:
     """Add the words of the command."""
     fit = add_command(subparsers, "fit", "fit organs in an image", run, epilog=_EPILOG)
-    add_image(fit)
+    add_image(fit, frames=f"{_FRAMES} (the frame of a mesh is --reference-frame)")
     which = fit.add_argument_group("which organs")
     which.add_argument(
         "--organ",
@@ -111,8 +111,8 @@ def add_parser(subparsers) -> None:
     what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
 
 
-def add_image(parser: argparse.ArgumentParser) -> None:
-    """Add the words that name the image and further stacks."""
+def add_image(parser: argparse.ArgumentParser, *, frames: str = _FRAMES) -> None:
+    """Add the words that name the image and further stacks; `frames` says what the number of a volume may be."""
     parser.add_argument(
         "image", metavar="IMAGE", help="file (NIfTI, NRRD, MetaImage, DICOM, ...), or a folder of DICOM slices"
     )
@@ -129,7 +129,7 @@ def add_image(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frame",
         metavar="N",
-        type=argument(validators.whole(_FRAMES)),
+        type=argument(validators.whole(frames)),
         help="which volume of an image with several (time points, echoes, phases), from 1",
     )
 

@@ -52,7 +52,7 @@ def motion(value: str) -> tuple[float, float]:
     """Check a motion: two numbers from 0, mm and degrees."""
     found = [_number(part) for part in value.split(",")]
     if len(found) != 2 or None in found or min(found) < 0.0:
-        msg = f"{value!r} was given; how far in mm and how many degrees are needed, such as 3,2"
+        msg = f"{value!r} was given; two numbers from 0 are needed, mm and degrees, such as 3,2"
         raise ValueError(msg)
     return found[0], found[1]
 

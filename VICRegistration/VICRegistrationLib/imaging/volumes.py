@@ -47,7 +47,7 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
     """
     if frame is not None and not 1 <= frame <= count:
         found, needed = ("1 volume", "leave it out") if count == 1 else (f"{count} volumes", f"give 1 to {count}")
-        msg = f"--frame {frame} was given, but {what} holds {found}; {needed}."
+        msg = f"Volume {frame} was asked for, but {what} holds {found}; {needed}."
         raise ValueError(msg)
     if frame is None and count > 1:
         way_out = f"; one volume is needed. Choose it with --frame 1 to --frame {count}."
