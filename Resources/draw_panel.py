@@ -48,7 +48,7 @@ ORGANS = [
 ]
 # Further stacks: name, whether it is ticked, and what became of it.
 STACKS = [("Phantom, axial", True, "2.7 mm, 2.6°")]
-BOUNDARY_HEADINGS = ["Boundary point (mm R, A, S)", "Off the surface (mm)"]
+BOUNDARY_HEADINGS = ["Point (mm R, A, S)", "Off (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
 MODEL_ORGANS = [("bladder", "bladder"), ("vagina", "vagina"), ("rectum", "predict")]
 CHOICES = {
@@ -66,7 +66,7 @@ CHOICES = {
 }
 TEXTS = {
     "regionStatusLabel": "Region: 131.2 ml",
-    "fitStatusLabel": "bladder: 18 iterations, cost 0.022, 0.72 s, 131.9 ± 0.6 ml\n"
+    "fitStatusLabel": "bladder: 131.9 ± 0.6 ml; 18 iterations, cost 0.022, 0.72 s\n"
     "Chosen: net 17x11, edge 1.77 mm, smoothness 0.00019",
     "correctStatusLabel": "The surface is up to 4.9 mm from the points.",
     "landmarksPlacedLabel": "1 of 6 placed; next: coccyx, tip",
@@ -341,7 +341,7 @@ def fill(
     rows = [("", "", name, volume, state) for name, _, volume, state in organs]
     fill_stacks(panel, stacks)
     most = organRows(min(len(stacks), STACK_ROWS))
-    fill_table(table, ["", "", "Organ", "Volume (ml)", "State"], rows, wide=2, most=most)
+    fill_table(table, ["", "", "Organ", "ml", "State"], rows, wide=2, most=most)
     for row, (_, color, _, _) in enumerate(organs):
         table.item(row, 0).setIcon(eye_icon())
         table.item(row, 1).setData(Qt.DecorationRole, QColor(color))

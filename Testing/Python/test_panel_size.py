@@ -90,6 +90,20 @@ def test_the_panel_stays_narrow(application, name, expanded):
     assert max(asked_widths(panel(expanded=expanded, **CONTENTS[name]), application)) <= WIDEST
 
 
+@pytest.mark.parametrize(("scale", "opened", "everything"), [(1.0, 340, 440), (1.3, 400, WIDEST)])
+def test_nothing_is_wider_than_its_words(application, scale, opened, everything):
+    # Slicer never makes the panel narrower than it asks for; with large fonts it is to stay beside the views too.
+    usual = application.font()
+    large = application.font()
+    large.setPointSizeF(scale * usual.pointSizeF())
+    application.setFont(large)
+    try:
+        assert max(asked_widths(panel(stacks=STACKS), application)) <= opened
+        assert max(asked_widths(panel(stacks=STACKS, expanded=True), application)) <= everything
+    finally:
+        application.setFont(usual)
+
+
 def test_no_section_is_wide_by_itself(application):
     widths = draw_panel.section_widths()
     assert len(widths) == 9

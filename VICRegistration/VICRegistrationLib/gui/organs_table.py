@@ -77,7 +77,7 @@ class OrgansTable:
 
     def _setUpTable(self):
         table = self._table
-        setUpTable(table, ["", "", _("Organ"), _("Volume (ml)"), _("State")], wide=_NAME)
+        setUpTable(table, ["", "", _("Organ"), _("ml"), _("State")], wide=_NAME)
         table.setSelectionBehavior(qt.QAbstractItemView.SelectRows)
         table.setSelectionMode(qt.QAbstractItemView.SingleSelection)
         table.setEditTriggers(qt.QAbstractItemView.DoubleClicked | qt.QAbstractItemView.EditKeyPressed)
