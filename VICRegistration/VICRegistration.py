@@ -263,7 +263,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         ValueError
             If the organ has none.
         """
-        return surfaces.surfaceFromModel(organ.surface)
+        return surfaces.surfaceOf(organ)
 
     def setSurface(self, organ, surface):
         """Give an organ a surface to start a refit from, such as one of another program.

@@ -67,7 +67,7 @@ class ModelTest(PanelTestCase):
         self.assertFalse(self.parts()["bladder"].GetDisplayNode().GetScalarVisibility())
         self.ui.modelFolderEdit.currentPath = ""
         self.ui.exportModelButton.click()
-        self.assertIn("No folder", self.ui.modelStatusLabel.text)
+        self.assertIn("Choose a folder", self.ui.modelStatusLabel.text)
         with tempfile.TemporaryDirectory() as folder:
             self.ui.modelFolderEdit.currentPath = folder
             self.ui.exportModelButton.click()

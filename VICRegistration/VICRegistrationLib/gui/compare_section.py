@@ -79,8 +79,7 @@ class CompareSection:
         ui.referenceKindCombo.enabled = organ is not None
         showRow(fromSegment, ui.referenceSegmentLabel, ui.referenceSegmentSelector)
         showRow(not fromSegment, ui.referenceModelLabel, ui.referenceModelSelector)
-        ui.referenceSegmentSelector.enabled = fromSegment
-        ui.referenceModelSelector.enabled = organ is not None and not fromSegment
+        ui.referenceModelSelector.enabled = organ is not None
         ui.patientEdit.enabled = self._patientVolume() is not None
         ui.compareButton.enabled = ui.colorByCombo.enabled = fitted and not busy
         self._segment.show(organ)
@@ -142,4 +141,4 @@ class CompareSection:
             self._show(str(error))
             return
         slicer.app.clipboard().setText(text)
-        self._show(_("Copied as CSV: the names of the columns and {count} row(s).").format(count=count))
+        self._show(_("Copied: {count} row(s), below the names of the columns.").format(count=count))

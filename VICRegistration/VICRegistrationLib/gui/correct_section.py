@@ -30,7 +30,7 @@ class CorrectSection(VTKObservationMixin):
         VTKObservationMixin.__init__(self)
         self._ui, self._onPoints = ui, onPoints
         self._organ, self._volume, self._binding = None, None, Binding()
-        setUpTable(ui.boundaryTable, [_("Boundary point (mm R, A, S)"), _("Off the surface (mm)")], wide=0)
+        setUpTable(ui.boundaryTable, [_("Point (mm R, A, S)"), _("Off (mm)")], wide=0)
         showPlaceButtons(ui.boundaryPlaceWidget)
         ui.boundaryPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
         ui.undoPointButton.connect("clicked()", self._removeLast)

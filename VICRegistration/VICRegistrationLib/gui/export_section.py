@@ -84,16 +84,13 @@ class ExportSection:
         showRow(exact, ui.exportFacesLabel, ui.exportFacesSpin)
         showRow(meshing, ui.meshSizeLabel, ui.meshSizeSlider, ui.meshOrderLabel, ui.meshOrderCombo)
         showRow(meshing, ui.meshWallLabel, ui.meshWallSlider, ui.cancelExportButton)
-        ui.exportFacesSpin.enabled = exact
-        for widget in (ui.meshSizeSlider, ui.meshOrderCombo, ui.meshWallSlider):
-            widget.enabled = meshing
         ui.exportButton.enabled = bool(self._chosen()) and not self.running
         ui.cancelExportButton.enabled = self.running
 
     def _export(self):
         folder, suffix = self._ui.exportFolderEdit.currentPath, self._suffix()
         if not folder:
-            self._show(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            self._show(_("Choose a folder to write to."))
             return
         self._ui.exportFolderEdit.addCurrentPathToHistory()
         try:

@@ -72,8 +72,8 @@ class Mesher:
         if not _gmshIsThere() and not _installGmsh():
             self._show(
                 _(
-                    "The package gmsh is not installed; it is needed for a mesh. Press Export again and agree to "
-                    "install it; if that has failed, the log has the reason (Help > Report a Bug)."
+                    "A mesh needs the package gmsh; press Export again to install it, or see in the log why that has "
+                    "failed (Help > Report a Bug)."
                 )
             )
             return
@@ -104,11 +104,7 @@ class Mesher:
         if code != 0 and self._cancelled:
             self._show(_("Cancelled; no mesh was written."))
         elif code != 0:
-            self._show(
-                self._lines[-1]
-                if self._lines
-                else _("The mesher ended without a mesh; nothing was written. Try another size.")
-            )
+            self._show(self._lines[-1] if self._lines else _("No mesh was made; try another size of the elements."))
         else:
             self._show("\n".join([_("Written: {files}").format(files=self._path), report]))
             if self._path.suffix == _VTU:

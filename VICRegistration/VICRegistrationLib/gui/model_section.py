@@ -225,7 +225,7 @@ class ModelSection(VTKObservationMixin):
     def _choice(self, name):
         """Organs of the table to choose from for an organ of the model."""
         combo = qt.QComboBox()
-        combo.setToolTip(_("Organ of the table that this is, or none: it is then predicted from the others."))
+        combo.setToolTip(_("The organ of your table, or predict it from the others."))
         combo.addItem(_("predict"), "")
         for organ in self._organs:
             combo.addItem(organ.label, organ.parameterNode.GetID())
@@ -315,7 +315,7 @@ class ModelSection(VTKObservationMixin):
     def _export(self):
         folder, suffix, volumeNode = self._ui.modelFolderEdit.currentPath, self._meshSuffix(), self._volume
         if not folder:
-            self._show(_("No folder is chosen; one is needed to write to. Choose a folder."))
+            self._show(_("Choose a folder to write to."))
             return
         self._ui.modelFolderEdit.addCurrentPathToHistory()
         try:

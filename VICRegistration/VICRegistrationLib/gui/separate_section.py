@@ -95,16 +95,10 @@ class SeparateSection(VTKObservationMixin):
         ui.separateSection.enabled = organ is not None
         if organ is None:
             return
-        fromSeeds = organ.source is RegionSource.THRESHOLDS
-        ui.seedPlaceWidget.enabled = fromSeeds
-        for widget in (ui.thresholdRange, ui.suggestButton):
-            widget.enabled = fromSeeds and canBeSeparated(organ)
-        for check in (ui.erosionAutomaticCheck, ui.dilationAutomaticCheck):
-            check.enabled = fromSeeds
-        ui.erosionSlider.enabled = fromSeeds and not organ.erosionAutomatic
-        ui.dilationSlider.enabled = fromSeeds and not organ.dilationAutomatic
-        ui.segmentSelector.enabled = not fromSeeds
-        self._showRows(fromSeeds)
+        ui.thresholdRange.enabled = ui.suggestButton.enabled = canBeSeparated(organ)
+        ui.erosionSlider.enabled = not organ.erosionAutomatic
+        ui.dilationSlider.enabled = not organ.dilationAutomatic
+        self._showRows(organ.source is RegionSource.THRESHOLDS)
         self._showThreshold()
         self._segment.show(organ)
         self._showVisibility()

@@ -137,10 +137,7 @@ class StacksSection(VTKObservationMixin):
     def _alignButton(self, node):
         button, nodeId = qt.QToolButton(), node.GetID()
         button.text = _("Align")
-        button.toolTip = _(
-            "Make the motion that the fit of this organ found a linear transform, and put the volume under it. Views "
-            "then show both stacks in one place. The transform that the volume is under now stays above it."
-        )
+        button.toolTip = _("Put the stack under a transform that shows the organ in one place in both stacks.")
         button.connect("clicked()", lambda: self._align(nodeId))
         return button
 
@@ -233,7 +230,7 @@ def _short(record):
 def _long(record, node):
     """Say in a tooltip what became of a stack."""
     if record is None:
-        return _("The last fit of the selected organ was not given this stack.")
+        return _("The last fit of the selected organ did not use this stack.")
     if not record.used:
         return _("The stack {stack} was left out. {reason}").format(stack=node.GetName(), reason=record.reason)
     moved = _("{shift} mm, {turn} degrees")

@@ -8,7 +8,7 @@ from slicer.i18n import tr as _
 from .colors import DEVIATION, addNumbers, colorBy
 from .comparison_table import addComparison
 from .references import referenceFor, referenceName
-from .surfaces import surfaceFromModel
+from .surfaces import surfaceOf
 
 _PATIENT_ATTRIBUTE = "VIC.patient"
 # In the field data of the surface's triangles: a new surface comes without it.
@@ -42,11 +42,7 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
     """
     from ..analysis.comparison import compare, distances_from
 
-    if organ.surface is None:
-        raise ValueError(
-            _("The organ {name} has no surface yet; one is needed to compare. Fit it first.").format(name=organ.label)
-        )
-    surface = surfaceFromModel(organ.surface)
+    surface = surfaceOf(organ)
     found = referenceFor(organ.surface, reference, segmentId)
     name = referenceName(reference, segmentId)
     try:

@@ -9,7 +9,7 @@ import slicer
 from slicer.i18n import tr as _
 
 from .organ_nodes import removeNodes
-from .surfaces import movedSurface, surfaceFromModel
+from .surfaces import movedSurface, surfaceOf
 from .volumes import linearRelation
 
 QUALITY_ATTRIBUTE = "VIC.quality"
@@ -33,11 +33,7 @@ def worldSurface(organ):
     ValueError
         If the organ has no surface, or lies under a transform that bends it.
     """
-    if organ.surface is None:
-        raise ValueError(
-            _("The organ {name} has no surface yet; one is needed to export. Fit it first.").format(name=organ.label)
-        )
-    surface = surfaceFromModel(organ.surface)
+    surface = surfaceOf(organ)
     matrix = linearRelation(organ.surface.GetParentTransformNode(), None)
     if matrix is None:
         raise ValueError(

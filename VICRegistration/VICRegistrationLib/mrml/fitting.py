@@ -14,7 +14,7 @@ from .sentences import sentence
 from .separating import imageAndRegion
 from .stack_contours import showStackContours
 from .stacks import keepStacks, leftOutSentences, stacksOf, stacksToFit, wallPoints
-from .surfaces import showSurface, surfaceFromModel, surfaceIfAny, worldVolumeMl
+from .surfaces import showSurface, surfaceIfAny, surfaceOf, worldVolumeMl
 from .volumes import imageFromVolume, putUnderVolume
 
 
@@ -75,15 +75,9 @@ def refitSteps(organ, volumeNode):
     from ..registration.refit import refit
 
     with _Bookkeeping(organ, volumeNode, stacksOf(organ)) as book:
-        if organ.surface is None:
-            raise ValueError(
-                _("The organ {name} has no surface yet; one is needed to correct. Fit it first.").format(
-                    name=organ.label
-                )
-            )
         image = imageFromVolume(volumeNode)
         followVolume(organ, volumeNode)
-        surface = surfaceFromModel(organ.surface, corrected=False)
+        surface = surfaceOf(organ, corrected=False)
         # From where earlier points have not pulled it: a point that is removed leaves nothing behind.
         further = book.stacks(stacksOf(organ))
         given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": further}
@@ -118,7 +112,7 @@ def boundaryDeviations(organ, volumeNode):
     points = wallPoints(organ, volumeNode)
     if not len(points):
         return np.empty(0)
-    deviations = boundary_deviations(surfaceFromModel(organ.surface), points)
+    deviations = boundary_deviations(surfaceOf(organ), points)
     labelPoints(organ.boundaryPoints, [f"{deviation:+.2f} mm" for deviation in deviations])
     return deviations
 
@@ -265,7 +259,7 @@ class _Bookkeeping:
             # A transform that stretches the organ stretches its error bar.
             error = fit.confidence.volume_sd_ml * organ.volumeMl / (fit.surface.volume() / 1000.0)
             deviation = f" ± {error:.1f}" if error >= 0.1 else f" ± {error:.2f}"
-            result = _("{count} iterations, cost {cost}, {seconds} s, {volume} ml").format(
+            result = _("{volume} ml; {count} iterations, cost {cost}, {seconds} s").format(
                 volume=f"{organ.volumeMl:.1f}{deviation if fit.confidence.volume_calibrated else ''}",
                 count=fit.iterations,
                 cost=f"{fit.cost_final:.3g}",

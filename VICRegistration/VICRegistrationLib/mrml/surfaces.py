@@ -128,6 +128,32 @@ def surfaceIfAny(modelNode):
         return None
 
 
+def surfaceOf(organ, *, corrected=True):
+    """Surface of an organ.
+
+    Parameters
+    ----------
+    organ : OrganParameters
+    corrected : bool
+        As boundary points have pulled it, or as it was before.
+
+    Returns
+    -------
+    VICRegistrationLib.geometry.surface.BSplineSurface
+        As of :func:`surfaceFromModel`.
+
+    Raises
+    ------
+    ValueError
+        If it has none yet, or as :func:`surfaceFromModel`.
+    """
+    if organ.surface is None:
+        raise ValueError(
+            _("The organ {name} has no surface yet; one is needed. Fit it first.").format(name=organ.label)
+        )
+    return surfaceFromModel(organ.surface, corrected=corrected)
+
+
 def surfaceFromModel(modelNode, *, corrected=True):
     """Surface that a model carries.
 
