@@ -112,7 +112,7 @@ def compare(
         to_reference=Deviation.of(to_reference),
         hausdorff=float(max(np.abs(to_surface).max(), np.abs(to_reference).max())),
         surface_dice=tuple((float(tolerance), float(share)) for tolerance, share in zip(tolerances, shares)),
-        volume_dice=volume_dice(_triangles(surface), _triangles(reference)),
+        volume_dice=volume_dice(triangles_of(surface), triangles_of(reference)),
         volume_ml=surface.volume() / 1000.0,
         reference_ml=_volume(reference) / 1000.0,
         signed_to_surface=to_surface,
@@ -181,7 +181,8 @@ def _volume(reference: BSplineSurface | ReferenceMesh) -> float:
     return enclosed_volume(reference.points, reference.triangles)
 
 
-def _triangles(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
+def triangles_of(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
+    """Triangles whose volumes are counted: those of a mesh, or of a surface."""
     if isinstance(reference, ReferenceMesh):
         return reference
     mesh = triangulate(reference, chord_error=_CHORD_ERROR * reference.size)
@@ -209,7 +210,7 @@ def volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
     ValueError
         If they are too thin to be counted.
     """
-    axes = _turned_axes()
+    axes = Rotation.from_euler("xyz", _TURNS).as_matrix()
     places = [mesh.points @ axes.T for mesh in (first, second)]
     lows, highs = (np.array([edge(each, axis=0) for each in places]) for edge in (np.min, np.max))
     if np.any(lows.max(axis=0) >= highs.min(axis=0)):
@@ -221,11 +222,6 @@ def volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
         msg = "Surface and reference are too thin to count their volume; give surfaces of solid organs."
         raise ValueError(msg)
     return float(2.0 * np.count_nonzero(inside[0] & inside[1]) / total)
-
-
-def _turned_axes() -> np.ndarray:
-    """Make unit vectors (rows) for the edges of the box, none of them along an axis of the patient."""
-    return Rotation.from_euler("xyz", _TURNS).as_matrix()
 
 
 def _check_tolerances(tolerances: Sequence[float]) -> None:

@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry.surface import BSplineSurface
-from ..geometry.triangulation import triangulate
-from .comparison import volume_dice
+from .comparison import triangles_of, volume_dice
 from .distances import Reference
 from .reference_meshes import ReferenceMesh
 
-# Of the triangles that stand for the surface, mm.
-_CHORD_ERROR = 0.1
 # A fit and its reference share more than this of their volumes; below, mirror images are tried. Mirror images that
 # share more than `_ALIKE` get a warning: real pairs of organs and other organs share less.
 _SUSPECTED, _ALIKE = 0.7, 0.8
@@ -48,9 +45,7 @@ def mirrored(
     """
     if dice >= _SUSPECTED or isinstance(reference, BSplineSurface):
         return "", dice
-    mesh = triangulate(surface, chord_error=_CHORD_ERROR)
-    fitted = ReferenceMesh(mesh.points, mesh.triangles)
-    found = []
+    fitted, found = triangles_of(surface), []
     for sides, signs in _MIRRORS.items():
         for middle in (np.zeros(3), *([] if center is None else [center])):
             points = middle + (reference.points - middle) * signs

@@ -296,8 +296,7 @@ def judged(
         motion,
     )
     cost = samples.cost / weight if weight > 0.0 else np.inf
-    along = np.einsum("nmk,nk->nm", samples.gradients, samples.frame.normals)
-    offsets = -np.mean(along * samples.residuals, axis=1) / np.maximum(np.mean(along**2, axis=1), 1e-12)
+    _, offsets = samples.edges()
     blur = stage.virtual.blur(samples.frame.normals)
     edge = weight / common if common > 0.0 else 0.0
     return Alignment(

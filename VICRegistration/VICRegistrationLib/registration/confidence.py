@@ -198,10 +198,8 @@ class _Support:
         How much of an edge the line shows, 0 to 1; 0 outside of the volume.
     variance : ndarray
         Mean squared residual, in units of the squared contrast.
-    slope : ndarray
-        Mean squared derivative of the image along the normal, 1/mm^2.
-    offset : ndarray
-        How far the line's own edge is from the surface, to first order, mm.
+    slope, offset : ndarray
+        How steep the edge is and how far from the surface, see :meth:`.cost.Samples.edges`.
     share : ndarray
         What part of the line's weight in the cost is this image's.
     """
@@ -220,8 +218,7 @@ def _support(correlation: Correlation) -> _Support:
     """Measure what each normal line shows of the edge, before the surface moves."""
     samples = correlation.sample(np.zeros(correlation.surface.n_dof))
     frame = samples.frame
-    along = np.einsum("nmk,nk->nm", samples.gradients, frame.normals)
-    slope = np.mean(along**2, axis=1)
+    slope, offset = samples.edges()
     share = np.ones(len(frame.area)) if correlation.share is None else correlation.share
     return _Support(
         frame.points,
@@ -230,7 +227,7 @@ def _support(correlation: Correlation) -> _Support:
         np.minimum(correlation.steps(), 1.0) * samples.weights.sum(axis=1) / np.maximum(frame.area * share, 1e-300),
         np.mean(samples.residuals**2, axis=1),
         slope,
-        -np.mean(along * samples.residuals, axis=1) / np.maximum(slope, 1e-12),
+        offset,
         share,
     )
 

@@ -50,6 +50,20 @@ class Samples:
         """Weighted mean of the squared residuals."""
         return float(np.vdot(self.weights, self.residuals**2))
 
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Find the edge that each normal line shows.
+
+        Returns
+        -------
+        slopes : (n,) ndarray
+            Mean squared derivative of the image along the normal, 1/mm^2.
+        offsets : (n,) ndarray
+            How far the edge is from the surface, to first order, mm.
+        """
+        along = np.einsum("nmk,nk->nm", self.gradients, self.frame.normals)
+        slopes = np.mean(along**2, axis=1)
+        return slopes, -np.mean(along * self.residuals, axis=1) / np.maximum(slopes, 1e-12)
+
 
 @dataclass(frozen=True, eq=False)
 class _Reading:

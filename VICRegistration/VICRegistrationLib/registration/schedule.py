@@ -26,7 +26,8 @@ from .virtual_image import IntensityProfile, VirtualImage
 REGION_MARGIN_MM = 10.0
 # Weights against sliding within the surface and against leaving the separated region, where 1 is about the weight of a
 # sharp edge: tried 0.01 to 0.2 on phantoms and real bladders. More keeps the surface from its edge, less lets control
-# points drift and loses the surface where there is no edge.
+# points drift and loses the surface where there is no edge. Without this anchor no first fit changes; of two bladders
+# that are fitted again from 1.6 mm beside one is off by 0.88 in place of 0.72 mm, one by 0.69 in place of 0.76 mm.
 SLIDING = 0.02
 ANCHOR = 0.05
 # The region is fitted as stiffly as its voxels are coarse beside the organ: the weight of the thin-plate energy where a

@@ -40,7 +40,8 @@ _REGULARISATION = 1e-9
 # organs and seven real bladders have the same mean distances to 0.0001 mm. One of three hippocampi, fitted from its
 # label, is 0.4 or 0.7 mm off, by chance of the share; without any, its standard deviation is too small.
 _LEAST_SHARE = 0.2
-# Of the contrast that is expected, at least so much is the unit of the residuals.
+# Of the contrast that is expected, at least so much is the unit of the residuals: there may be none. Without a limit
+# no distance of the demo's organs, of seven real bladders and of three hippocampi changes.
 _LEAST_CONTRAST = 0.05
 
 
@@ -300,8 +301,9 @@ class VirtualImage:
         Notes
         -----
         Inside is the mean of the plateau. Outside is the level farthest from the inside's within reach: an organ may
-        have a wall thinner than the reach, with anything behind it; the mean of two probes, as one alone would be noise
-        where there is no contrast. What the blur carries to either side from the other one is taken off first, by
+        have a wall thinner than the reach, with anything behind it. With the mean of all, an organ with a wall of 2 mm
+        in voxels of 1 mm is 0.55 mm too small, in place of 0.16 mm. It is the mean of two probes, as one alone would be
+        noise where there is no contrast. What the blur carries to either side from the other one is taken off first, by
         least squares: a grey level is I = s inside + (1 - s) outside, where s is its share.
         """
         weight = valid * (area / area.mean() / self.blur(normals) ** 2)[:, None]
