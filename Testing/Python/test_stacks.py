@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from small_phantom import CENTER
@@ -13,8 +11,6 @@ import VICRegistrationLib as vic
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
-from VICRegistrationLib.registration.schedule import Schedule
-from VICRegistrationLib.registration.stack_view import View
 from VICRegistrationLib.registration.stacks import as_stacks
 
 SEEDS = CENTER[None]
@@ -193,18 +189,6 @@ def test_boundary_points_pull_a_surface_of_several_stacks(sagittal, axial, both)
 
 def test_a_second_stack_makes_the_surface_more_certain(alone, both):
     assert both.confidence.deviations.mean() < 0.85 * alone.confidence.deviations.mean()
-
-
-def test_images_that_count_for_a_finer_net_are_as_fine_as_the_first_one_and_as_clear(sagittal, truth):
-    schedule = Schedule.around(sagittal, truth, vic.FitOptions())
-    given = {"inside": 800.0, "outside": 100.0, "tau": schedule.options.tau, "motion": np.eye(4)}
-
-    def count(factor, trust):
-        voxel = factor * schedule.voxel
-        view = View(schedule.sampler, voxel, volumes=schedule.volumes, trust=trust, **given)
-        return replace(schedule, views=(view, view)).images_along(truth)
-
-    assert [count(1.0, 1.0), count(1.0, 0.25), count(1.0, 4.0), count(1.5, 1.0)] == pytest.approx([3.0, 1.5, 3.0, 1.0])
 
 
 @pytest.mark.parametrize("again", ["the first image", "another file of it", "a stack"])

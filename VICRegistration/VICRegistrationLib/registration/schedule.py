@@ -177,16 +177,8 @@ class Schedule:
 
     def voxels_along(self, surface: BSplineSurface) -> float:
         """Count the voxels that lie in a band around a surface, as wide as its edge: what is seen there."""
-        return self._own_voxels_along(surface) + sum(view.voxels_along(surface) for view in self.views)
-
-    def images_along(self, surface: BSplineSurface) -> float:
-        """Count images that show a surface by half as many voxels as the first, or more; less where trusted less."""
-        least = 0.5 * self._own_voxels_along(surface)
-        return 1.0 + sum(min(view.trust, 1.0) for view in self.views if view.voxels_along(surface) >= least)
-
-    def _own_voxels_along(self, surface: BSplineSurface) -> float:
-        """Count those of the first image."""
-        return surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
+        own = surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
+        return own + sum(view.voxels_along(surface) for view in self.views)
 
     # ------------------------------------------------------------------ stages
 
