@@ -112,7 +112,7 @@ def test_a_fit_returns_the_organ_with_all_that_came_out(logic):
     assert deviation(surface, ellipsoid(), n_points=1000).mean < 0.25
     assert organ.volumeMl == pytest.approx(surface.volume() / 1000.0, rel=1e-12)
     assert organ.volumeMl == pytest.approx(ELLIPSOID_ML, rel=0.03)
-    assert f", {organ.volumeMl:.1f} ± 0." in organ.message.splitlines()[0]
+    assert organ.message.startswith(f"{organ.volumeMl:.1f} ± 0.")
     assert "iterations, cost" in organ.message
     assert organ.threshold.minimum < 800.0 < organ.threshold.maximum
     assert organ.seeds.GetNumberOfControlPoints() == 1
