@@ -49,15 +49,6 @@ def test_basis_functions_sum_to_one_and_are_not_negative(spline):
     assert matrix.min() >= -1e-16
 
 
-def test_every_row_has_degree_plus_one_entries(spline):
-    degree, knots = spline
-    x = samples(degree, knots)
-    first, values = bspline.nonzero_basis(degree, knots, x)
-    assert values.shape == (len(x), degree + 1)
-    assert first.min() >= 0
-    assert first.max() + degree < len(knots) - degree - 1
-
-
 @pytest.mark.parametrize("derivative", [0, 1, 2, 3])
 def test_basis_and_derivatives_are_those_of_scipy(spline, derivative):
     degree, knots = spline
@@ -68,21 +59,6 @@ def test_basis_and_derivatives_are_those_of_scipy(spline, derivative):
         expected = interpolate.BSpline(knots, np.eye(matrix.shape[1]), degree)(x, nu=derivative)
     # Relative to the largest entry: narrow spans make large derivatives.
     np.testing.assert_allclose(matrix, expected, atol=1e-12 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("derivative", [1, 2])
-def test_derivatives_agree_with_finite_differences(spline, derivative):
-    degree, knots = spline
-    x = between_knots(degree, knots, margin=0.1)
-    step = 1e-6 * np.diff(bspline.span_limits(degree, knots)).min()
-    lower = bspline.collocation(degree, knots, x, derivative - 1)
-    ahead = bspline.collocation(degree, knots, x + step, derivative - 1)
-    behind = bspline.collocation(degree, knots, x - step, derivative - 1)
-    exact = bspline.collocation(degree, knots, x, derivative).toarray()
-    estimate = (ahead - behind).toarray() / (2.0 * step)
-    # Rounding of central differences: 1e-16 times the values, over the step.
-    tolerance = 1e-7 * np.abs(exact).max() + 1e-15 * np.abs(lower).max() / step
-    np.testing.assert_allclose(estimate, exact, atol=tolerance)
 
 
 def test_derivatives_beyond_the_degree_vanish():

@@ -333,10 +333,9 @@ def test_a_parameter_outside_of_its_range_is_refused_by_the_sentence_of_its_opti
     assert organ.options() == FitOptions()
 
 
-@pytest.mark.parametrize("power", np.arange(-8.0, 0.1, 0.5))
-def test_smoothness_comes_back_as_it_was_stored(organs, power):
+def test_smoothness_comes_back_as_it_was_stored(organs):
     organ = organs.add("bladder")
-    for smoothness in (10.0**power, 0.0):
+    for smoothness in (0.0, *10.0 ** np.arange(-8.0, 0.1, 0.5), 0.0):
         organ.setFitOptions(FitOptions(smoothness=min(smoothness, 1.0)))
         assert organ.options().smoothness == pytest.approx(smoothness, rel=1e-12)
 

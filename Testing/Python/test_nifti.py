@@ -68,9 +68,15 @@ def check(path, *, warn=None):
 # ------------------------------------------------------------------ what is read
 
 
-@pytest.mark.parametrize("kind", [nib.Nifti1Image, nib.Nifti2Image])
-@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
-@pytest.mark.parametrize(("sform", "qform"), [(1, 1), (2, 0), (0, 1), (4, 0)])
+@pytest.mark.parametrize(
+    ("sform", "qform", "kind", "name"),
+    [
+        (1, 1, nib.Nifti1Image, "a.nii"),
+        (2, 0, nib.Nifti2Image, "a.nii.gz"),
+        (0, 1, nib.Nifti2Image, "a.nii"),
+        (4, 0, nib.Nifti1Image, "a.nii.gz"),
+    ],
+)
 @pytest.mark.parametrize("turn", [None, TURN])
 @pytest.mark.parametrize("flips", [(-1, -1, 1), (1, 1, 1), (1, -1, 1), (-1, -1, -1)])
 def test_a_file_is_where_its_matrix_says(tmp_path, kind, name, sform, qform, turn, flips):

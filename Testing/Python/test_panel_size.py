@@ -121,8 +121,7 @@ def test_a_table_that_adjusts_to_its_contents_would_be_noticed(application, tmp_
     assert max(asked_widths(panel(path), application)) > WIDEST
 
 
-@pytest.mark.parametrize("stacks", [0, 1, 2, 3, 8])
-@pytest.mark.parametrize("organs", [1, 3, 6])
+@pytest.mark.parametrize(("organs", "stacks"), [(1, 0), (3, 2), (1, 8), (6, 0), (6, 8)])
 def test_what_one_works_with_stands_in_600_pixels(application, organs, stacks):
     rows = [(f"organ {number}", "#de9942", "131.8", "fitted") for number in range(organs)]
     made = panel(

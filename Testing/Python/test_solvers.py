@@ -194,7 +194,7 @@ def test_a_surface_out_of_the_volume_stays_where_it_is(bright_ball, solver):
 
 
 @pytest.mark.parametrize("free", [("R00",), "scaling", "linear"])
-@pytest.mark.parametrize("squeezed", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("squeezed", [0.05, 0.5])
 def test_a_nearly_mirrored_start_comes_back_unmirrored(bright_ball, solver, squeezed, free):
     start = models.closed_organ(axes=np.diag([squeezed * RADIUS, RADIUS, RADIUS]))
     objective = objective_of(bright_ball, affine(start, free=free, center=np.zeros(3)))
@@ -206,7 +206,7 @@ def test_a_nearly_mirrored_start_comes_back_unmirrored(bright_ball, solver, sque
 
 
 @pytest.mark.parametrize("free", [("R00",), "scaling", "linear"])
-@pytest.mark.parametrize("squeezed", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("squeezed", [0.05, 0.5])
 def test_even_an_image_that_asks_for_a_reflection_does_not_get_it(solver, squeezed, free):
     # Dark ball, bright virtual image: only the ball turned inside out would fit.
     sampler = Sampler(ball_image(level=0.0, around=1.0))

@@ -31,8 +31,9 @@ def organ_image(inside, outside, *, noise=0.05, bias=0.0, dtype=float):
     return Image(np.clip(levels, 0, None).astype(dtype), matrix)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32])
-@pytest.mark.parametrize(("inside", "outside"), [(200, 80), (50, 170), (120, 30)])
+@pytest.mark.parametrize(
+    ("inside", "outside", "dtype"), [(200, 80, np.uint8), (50, 170, np.int16), (120, 30, np.float32)]
+)
 @pytest.mark.parametrize("seed", [[0, 0, 0], [15, 3, -4], [-4, -9, 8]])
 def test_the_limit_is_half_way_between_organ_and_surroundings(dtype, inside, outside, seed):
     low, high = suggest_threshold(organ_image(inside, outside, dtype=dtype), [seed])
