@@ -8,7 +8,7 @@ from hippocampus import ellipsoid_in_box
 from scipy import sparse
 from test_confidence import RADIUS, ball
 
-from VICRegistrationLib.geometry import models
+from VICRegistrationLib.geometry import bspline, models
 from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
@@ -293,6 +293,72 @@ def test_an_organ_may_be_brighter_or_darker(smooth_image, sign):
     reference = make(smooth_image, parametrization).sample(np.zeros(parametrization.n_dof))
     found = make(inverted, parametrization, image=image).sample(np.zeros(parametrization.n_dof))
     np.testing.assert_allclose(found.residuals, sign * reference.residuals, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    """A ball of 15 mm and level 400 in 200; to the right in 330, above in 400. The volume ends 12 mm below its centre.
+
+    Its surface, whose levels are found in the image, as a function of the mode.
+    """
+    matrix = np.diag([1.0, 1.0, 1.0, 1.0])
+    matrix[:3, 3] = [-25.0, -25.0, -12.0]
+    z, y, x = np.indices((38, 51, 51)) + np.array([-12.0, -25.0, -25.0])[:, None, None, None]
+    around = np.where(z > 6.0, 400.0, np.where(x > 0.0, 330.0, 200.0))
+    inside = np.clip(15.5 - np.sqrt(x**2 + y**2 + z**2), 0.0, 1.0)
+    sampler, voxel = Sampler(Image(around + inside * (400.0 - around), matrix)), np.diag([1.0, 1.0, 2.0])
+    space = closed_organ(models.closed_organ((17, 13), axes=15.0 * np.eye(3)))
+    return lambda mode: make(sampler, space, shape=(32, 24), image=virtual(400.0, 200.0, 2.0, mode=mode, voxel=voxel))
+
+
+def on_side(correlation):
+    """Which lines look to the left, to the right and up, well off the places where the surroundings change."""
+    x, _, z = correlation.surface.frame(np.zeros(correlation.surface.n_dof)).points.T
+    low, level = z < -13.0, np.abs(z) < 4.0
+    return level & (x < -7.0), level & (x > 7.0), z > 10.0, low
+
+
+def test_a_line_counts_as_far_as_it_shows_the_step_between_the_levels(uneven):
+    correlation = uneven("organ")
+    samples = correlation.sample(np.zeros(correlation.surface.n_dof))
+    share = samples.weights.sum(axis=1) / samples.frame.area
+    left, right, above, below = on_side(correlation)
+    np.testing.assert_allclose(share[left], 1.0)
+    # A step of 70 beside one of 200 to the left and of none above: two thirds of the mean one.
+    np.testing.assert_allclose(share[right], 0.655, atol=0.02)
+    assert (share[above] < 0.05).all()
+    assert (share[below] == 0.0).all()
+
+
+def test_the_anchor_is_stronger_where_the_edge_is_weak_and_at_the_end_of_the_volume(uneven):
+    correlation = uneven("local")
+    factors = correlation.anchor_factors()
+    left, right, above, below = on_side(correlation)
+    assert (factors[left] == 1.0).all()
+    # By the fourth power of the step, whose mean over neighbours falls from the left to the right.
+    assert (factors[right] > 1.1).all()
+    assert 6.0 < factors[right].max() < 10.0
+    assert (factors[above] == 20.0).all()
+    assert (factors[below] == 20.0).all()
+    energies = [correlation.displacement_energy(tangential=0.0, normal=each) for each in (0.0, 1.0)]
+    larger = models.closed_organ((17, 13), axes=16.0 * np.eye(3))
+    frame = correlation.sample(np.zeros(correlation.surface.n_dof)).frame
+    lift, blur = correlation.parametrization.fit(larger.control_net), correlation.virtual.blur(frame.normals)
+    # One millimetre outward everywhere. Where voxels are long across the surface, it is held less.
+    assert lift @ energies[0] @ lift == 0.0
+    assert lift @ energies[1] @ lift == pytest.approx(np.average(factors / blur**2, weights=frame.area), rel=0.02)
+
+
+def test_a_wave_from_pole_to_pole_costs_the_bending_times_its_mean_square_in_widths(smooth_image):
+    parametrization = closed_organ(organ(net=(9, 21)))
+    correlation, surface = make(smooth_image, parametrization), parametrization.surface
+    at = bspline.greville_abscissae(surface.degrees[1], surface.knots_v)
+    basis = bspline.collocation(surface.degrees[1], surface.knots_v, at).toarray()
+    wave = np.linalg.solve(basis, np.cos(2.0 * np.pi * at))
+    q = parametrization.fit(surface.control_net + 3.0 * wave[:, None] * [0.6, 0.0, 0.8])
+    # A height of 3 mm on a ramp of 6 mm; the mean square of a cosine is a half.
+    energy = q @ correlation.energies(bending=0.2, sliding=0.0, anchor=0.0) @ q
+    assert energy == pytest.approx(0.2 * (3.0 / 6.0) ** 2 / 2.0, rel=0.03)
 
 
 # ------------------------------------------------------------------ losses
