@@ -10,6 +10,7 @@ from step_organs import dented, organ
 
 from VICRegistrationLib.export.step import Solid, step_text, write_step
 from VICRegistrationLib.export.step_shapes import patches, real, string
+from VICRegistrationLib.frames import RAS_TO_LPS
 from VICRegistrationLib.geometry.bspline import uniform_clamped_knots
 from VICRegistrationLib.geometry.models import bell
 from VICRegistrationLib.geometry.surface import BSplineSurface
@@ -61,6 +62,28 @@ def test_the_file_says_what_it_holds(pair):
     assert sum(value.startswith("MANIFOLD_SOLID_BREP") for value in found) == 2
     assert sum(value.startswith("NEXT_ASSEMBLY_USAGE_OCCURRENCE") for value in found) == 2
     assert sum(value.startswith("STYLED_ITEM") for value in found) == 1
+
+
+def test_control_points_and_knots_are_in_the_text_to_the_last_bit():
+    surface = dented().insert_knots(u=[1.0 / 3.0], v=[2.0 / 3.0])
+    found = instances(step_text([Solid("left", surface)]))
+    (text,) = (value for value in found.values() if value.startswith("B_SPLINE_SURFACE_WITH_KNOTS"))
+    points = [found[reference].partition("(")[2] for reference in re.findall(r"#\d+", text)]
+    net = [[float(number) for number in re.findall(r"[-+.\dE]+", point)] for point in points]
+    np.testing.assert_array_equal(net, (surface.control_net * RAS_TO_LPS).reshape(-1, 3))
+    lists = [re.findall(r"[-+.\dE]+", part) for part in re.findall(r"\(([^()#]+)\)", text)]
+    for knots, counts, values in zip((surface.knots_u, surface.knots_v), lists[:2], lists[2:]):
+        np.testing.assert_array_equal(np.repeat([float(value) for value in values], np.array(counts, dtype=int)), knots)
+
+
+@pytest.mark.parametrize("faces", [1, 2, 5])
+def test_every_edge_is_passed_once_in_each_sense(faces):
+    """Without it a solid is no closed one; Open CASCADE mends that without a word."""
+    found = instances(step_text([Solid("left", organ())], faces=faces)).values()
+    passed = [re.match(r"ORIENTED_EDGE\('',\*,\*,(#\d+),(\.[TF]\.)\)", value) for value in found]
+    senses = [match.groups() for match in passed if match]
+    assert len(senses) == len(set(senses)) == 2 * faces
+    assert len({edge for edge, _ in senses}) == faces
 
 
 def test_the_same_organs_give_the_same_bytes(pair, tmp_path):
