@@ -7,7 +7,6 @@ import re
 import accuracy
 import bladders
 import confidence
-import growth
 import hippocampus
 import measuring
 import numpy as np
@@ -17,8 +16,6 @@ import robustness
 import run
 import scenes
 import surfaces
-import tubes
-import volumes
 
 from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
@@ -88,19 +85,6 @@ def test_smoothed_triangles_are_measured_like_a_surface(scene):
     assert found.back.mean == pytest.approx(found.distances.mean, rel=0.3)
 
 
-def test_the_table_of_accuracy_has_both_surfaces_and_the_paper_s(pelvis, monkeypatch):
-    monkeypatch.setattr(accuracy, "pelvis_phantom", lambda: pelvis)
-    monkeypatch.setattr(accuracy, "bladders", list)
-    monkeypatch.setattr(accuracy, "N_POINTS", 500)
-    text = accuracy.report(quick=True)
-    for organ in ("bladder", "vagina", "rectum"):
-        assert re.search(rf"{organ}, demo's truth: fitted +\| +0\.\d\d ", text)
-        assert re.search(rf"{organ}, demo's truth +\| +0\.\d\d ", text)
-    assert text.count("triangles / fitted") == 3
-    assert re.search(r"vagina, paper's witness 3 +\| +1\.23 \| +1\.04 \|", text)
-    assert "Real bladders were skipped" in text
-
-
 def test_seeds_are_drawn_from_all_of_an_organ():
     ball = models.closed_organ((9, 7), axes=10.0 * np.eye(3))
     depths = -closest_points(ball, robustness.seeds_anywhere(ball, 400, np.random.default_rng(0))).distances
@@ -138,29 +122,10 @@ def test_the_contour_and_the_fit_are_measured_on_the_same_organ(scene):
     assert result["ratio"] == pytest.approx(result["fit"] / result["vtk"])
 
 
-def test_growth_is_told_with_ratios_and_exponents(image):
-    jobs = [growth.local_fit(image, (9, 7), shape) for shape in ((24, 16), (48, 32))]
-    text = growth.grown(["few", "many"], [384, 1536], jobs, 1)
-    assert re.search(r"many +\| +1536 .* 4\.0 ", text)
-    assert re.search(r"time ~ size\^-?\d\.\d\d, memory ~ size\^[01]\.\d\d", text)
-
-
-def test_sampling_and_separation_are_timed_against_libraries(image):
-    assert set(volumes.sampling_seconds(image, 100, 1)) == {"gradients", "values", "scipy"}
-    assert set(volumes.separation_seconds(image, 1)) == {"separate", "label"}
-
-
 def test_random_shapes_are_painted_and_fitted():
     text = random_organs.report(quick=True)
     assert re.search(r"2 organs of \d+ to \d+ ml fitted, 2 of the surfaces valid\.", text)
     assert float(re.search(r"worst +\| +(0\.\d\d) ", text)[1]) < 0.15
-
-
-def test_a_bent_tube_is_told_from_both_starts():
-    rows = re.findall(r"\| 180° +\| +(\w+) \| +([\d.]+) ", tubes.report(quick=True))
-    means = {start: float(mean) for start, mean in rows}
-    assert means["automatic"] < 0.3
-    assert means["ellipsoid"] > 3.0 * means["automatic"]
 
 
 def test_real_images_are_left_out_where_there_are_none(tmp_path):

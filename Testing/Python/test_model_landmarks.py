@@ -27,9 +27,14 @@ def test_an_object_of_names_is_in_ras(tmp_path):
     assert np.array_equal(found["coccyx, tip"], [1.0, 2.0, 3.5])
 
 
-@pytest.mark.parametrize(("system", "expected"), [("LPS", [-1.0, -2.0, 3.0]), ("RAS", [1.0, 2.0, 3.0])])
-def test_a_point_list_of_slicer_says_its_frame(tmp_path, system, expected):
-    path = written(tmp_path, markups([("coccyx, tip", [1, 2, 3], {})], system), "marks.mrk.json")
+@pytest.mark.parametrize(
+    ("system", "expected"), [("LPS", [-1.0, -2.0, 3.0]), ("RAS", [1.0, 2.0, 3.0]), (None, [-1.0, -2.0, 3.0])]
+)
+def test_a_point_list_of_slicer_says_its_frame_or_is_in_lps(tmp_path, system, expected):
+    content = markups([("coccyx, tip", [1, 2, 3], {})], system)
+    if system is None:
+        del content["markups"][0]["coordinateSystem"]
+    path = written(tmp_path, content, "marks.mrk.json")
     assert np.array_equal(read_landmarks(path)["coccyx, tip"], expected)
 
 

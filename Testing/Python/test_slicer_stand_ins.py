@@ -131,36 +131,7 @@ def test_a_misspelt_parameter_is_refused(wrapper):
         wrapper().erosionMM  # noqa: B018
 
 
-# --- application -----------------------------------------------------------------------------------------------------
-
-
-def test_the_parameter_node_of_a_logic_is_one_that_outlives_closing_the_scene(scene):
-    from slicer.ScriptedLoadableModule import ScriptedLoadableModuleLogic
-
-    class BenchLogic(ScriptedLoadableModuleLogic):
-        pass
-
-    node = BenchLogic().getParameterNode()
-    assert node.GetAttribute("ModuleName") == "Bench"
-    scene.Clear()
-    assert BenchLogic().getParameterNode() is node
-    assert node.GetAttribute("ModuleName") == "Bench"
-
-
 # --- parameters ------------------------------------------------------------------------------------------------------
-
-
-def test_a_second_wrapper_of_the_node_sees_the_values(wrapper, scene):
-    from slicer.parameterNodeWrapper import FloatRange
-
-    p = wrapper()
-    seeds = scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    p.seeds, p.kind, p.erosion, p.threshold = seeds, Kind.KIDNEY, 3, FloatRange(0, 40)
-    p.organs = [p.parameterNode]
-    q = wrapper(p.parameterNode)
-    assert (q.seeds, q.kind, q.erosion, q.threshold.maximum) == (seeds, Kind.KIDNEY, 3.0, 40)
-    assert list(q.organs) == [p.parameterNode]
-    assert p.parameterNode.GetParameter("kind") == "KIDNEY"
 
 
 @pytest.mark.parametrize(
@@ -204,16 +175,6 @@ def test_a_change_gives_one_event_and_none_without_change(wrapper, events):
     with slicer.util.NodeModify(p):
         p.erosion, p.net, p.smooth = 6.0, 7, False
     assert len(seen) == 4
-
-
-def test_removed_nodes_become_none(wrapper, scene):
-    p, seeds = wrapper(), scene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode")
-    organ = scene.AddNewNodeByClass("vtkMRMLScriptedModuleNode")
-    p.seeds, p.organs = seeds, [organ]
-    scene.RemoveNode(seeds)
-    scene.RemoveNode(organ)
-    assert p.seeds is None
-    assert list(p.organs) == [None]
 
 
 def test_a_bound_for_a_range_stops_only_what_slicer_stops(wrapper):
