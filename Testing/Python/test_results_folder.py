@@ -182,6 +182,7 @@ def refer(folder, organ, reference):
     """Write into the report what an organ was compared with."""
     content = report(folder)
     content["organs"][organ]["reference"] = reference
+    del content["digest"]
     (folder / "report.json").write_text(json.dumps(content))
 
 
@@ -287,6 +288,22 @@ def test_a_report_that_cannot_be_continued_is_refused(images, folder, capsys, te
     assert told in line
     assert "choose another folder by --output, or remove it" in line
     assert content(folder) == before
+
+
+def test_a_report_that_was_changed_by_hand_is_refused(images, folder, capsys):
+    found = report(folder)
+    (folder / "report.json").write_text(json.dumps({**found, "organs": {"bladder": None}}))
+    before = content(folder)
+    assert fit(images / "mri.nrrd", "rectum", folder, "--no-pictures") == 2
+    assert "report.json was changed since it was written; restore it, choose another" in capsys.readouterr().err
+    assert content(folder) == before
+
+
+def test_a_report_that_says_the_same_in_other_words_is_continued(images, folder):
+    found = report(folder)
+    (folder / "report.json").write_text(json.dumps(dict(reversed(found.items()))))
+    assert fit(images / "mri.nrrd", "rectum", folder, "--no-pictures", seed=OTHER_SEED) == 0
+    assert sorted(report(folder)["organs"]) == ["bladder", "rectum"]
 
 
 def test_a_name_that_differs_in_its_case_is_refused(images, folder, capsys):

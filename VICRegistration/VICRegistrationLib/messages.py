@@ -174,9 +174,11 @@ SENTENCES = {
         "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."
     ),
     "reference_hollow": _(
-        "The reference {reference} is hollow: {share:.0%} of what it encloses in its slices is not in it (a wall "
-        "without its lumen?), and its inner surface counts as well. Give a label that holds the lumen too, or fill it; "
-        "--largest fills a wall that is closed on all sides."
+        "The reference {reference} has {count} hollows inside, and their surfaces count as well; --largest fills them."
+    ),
+    "reference_open_wall": _(
+        "The reference {reference} is a wall without its lumen: {share:.0%} of what it encloses in its slices is not "
+        "in it, and its inner surface counts as well. Give a label that holds the lumen too, or fill it."
     ),
     "reference_mirrored": _(
         "The surface fits {reference} better with {sides} exchanged (volume Dice {mirrored_dice:.2f} instead of "

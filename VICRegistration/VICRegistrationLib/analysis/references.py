@@ -24,9 +24,9 @@ _OTHER_SHAPES = (
     *(".vtu", ".msh", ".inp", ".med", ".unv", ".bdf", ".gii"),
 )
 
-# Share of a label's volume, filled slice by slice, from which its hollows are no stray voxels. Of the walls in seven
-# real bladders that experts drew it is 0.75 to 0.88, of their lumens, tumours and of three hippocampi up to 0.0043.
-_HOLLOW = 0.03
+# Share of a label, filled slice by slice, from which it is a wall without its lumen. Of the walls in seven real
+# bladders that experts drew it is 0.75 to 0.88, of their lumens, tumours and of three hippocampi up to 0.0043.
+_OPEN_WALL = 0.03
 # Neighbours within a slice.
 _IN_SLICE = np.array([[[0, 0, 0]] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0, 0, 0]] * 3])
 
@@ -154,9 +154,14 @@ def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
 
 
 def _about_hollows(mask: np.ndarray, reference: str) -> tuple[Diagnostic, ...]:
-    """Warn of a wall without its lumen, whose inner surface would count; it may be open in its last slices."""
-    background, count = ndimage.label(~np.pad(mask, ((0, 0), (1, 1), (1, 1))), structure=_IN_SLICE)
-    outside = np.zeros(count + 1, dtype=bool)
+    """Warn of hollows, whose surfaces would count: stray voxels, and a wall without its lumen, closed or open."""
+    count = ndimage.label(fill_holes(mask) & ~mask)[1]
+    if count:
+        return (Diagnostic("reference_hollow", {"reference": reference, "count": count}),)
+    background, parts = ndimage.label(~np.pad(mask, ((0, 0), (1, 1), (1, 1))), structure=_IN_SLICE)
+    outside = np.zeros(parts + 1, dtype=bool)
     outside[background[:, 0, 0]] = True
-    share = 1.0 - mask.sum() / np.count_nonzero(~outside[background])
-    return () if share < _HOLLOW else (Diagnostic("reference_hollow", {"reference": reference, "share": float(share)}),)
+    share = float(1.0 - mask.sum() / np.count_nonzero(~outside[background]))
+    if share < _OPEN_WALL:
+        return ()
+    return (Diagnostic("reference_open_wall", {"reference": reference, "share": share}),)

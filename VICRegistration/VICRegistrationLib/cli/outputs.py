@@ -18,7 +18,7 @@ from ..registration.nets import net_text
 from ..registration.stages import Step
 from .organ_entries import CONVERGENCE, FittedOrgan, Run, organ_entry
 from .solids import colored_solids
-from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest
+from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest, with_digest
 
 PROGRAM = f"vic-registration {__version__}"
 # Files of an organ: their endings, and what they are for.
@@ -145,7 +145,7 @@ def write_report(run: Run, organs: Mapping[str, Mapping[str, object]], folder: P
         **({} if run.model is None else {"model": run.model.entry()}),
         "failed": run.failed,
     }
-    write_json(folder / REPORT, content)
+    write_json(folder / REPORT, with_digest(content))
 
 
 def run_entry(run: Run, organ: FittedOrgan, folder: Path, *, files: Sequence[str]) -> dict[str, object]:

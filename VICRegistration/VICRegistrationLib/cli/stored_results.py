@@ -22,6 +22,8 @@ from ..imaging.image import Image
 
 REPORT, PAGE, OVERVIEW, ASSEMBLY = "report.json", "report.html", "overview.png", "organs.step"
 SCHEMA, VERSION = "vic-registration/report", 2
+# Key of a report.
+_DIGEST = "digest"
 # Two readings of one file may round differently, mm.
 _SAME_PLACE_MM = 1e-3
 
@@ -164,7 +166,7 @@ def read_results(folder: Path) -> StoredResults:
     OSError
         If ``report.json`` cannot be read.
     ValueError
-        If it was not written by this version of the program.
+        If it was not written by this version of the program, or changed since.
     """
     path = folder / REPORT
     way_out = "choose another folder by --output, or remove it"
@@ -187,7 +189,30 @@ def read_results(folder: Path) -> StoredResults:
             f"the program has written it; {way_out}."
         )
         raise ValueError(msg)
+    if content.get(_DIGEST, _content_digest(content)) != _content_digest(content):
+        msg = f"{path} was changed since it was written; restore it, {way_out}."
+        raise ValueError(msg)
     return StoredResults(folder, content)
+
+
+def with_digest(content: Mapping[str, object]) -> dict[str, object]:
+    """Add to a report the digest by which it is known whether it was changed since.
+
+    Parameters
+    ----------
+    content : mapping
+
+    Returns
+    -------
+    dict
+    """
+    return {**content, _DIGEST: _content_digest(content)}
+
+
+def _content_digest(content: Mapping[str, object]) -> str:
+    """SHA-256 of a report without its digest, whatever the order of its keys and its white space."""
+    text = json.dumps({key: value for key, value in content.items() if key != _DIGEST}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def image_record(
