@@ -251,7 +251,7 @@ GOOD = {"organ": "bladder", "seed": [1, 2, 3]}
     [
         ("{", ["is not valid JSON"]),
         ("\xff", ["is not valid JSON"]),
-        ("[]", ["has the schema None", "vic-registration/organs"]),
+        ("[]", ["has no schema", "vic-registration/organs"]),
         (organs(GOOD, schema="other"), ["has the schema 'other'"]),
         (organs(GOOD, version=2), ["has version 2", "version 1 is understood"]),
         (organs(), ["lists no organs"]),

@@ -146,7 +146,7 @@ def test_what_is_not_json_is_refused(path, content):
 @pytest.mark.parametrize("content", ["[]", "3", "null", "{}", '{"schema": "other"}'])
 def test_json_of_another_kind_is_refused(path, content):
     path.write_text(content)
-    assert "'vic-registration/surface' is understood, give a surface file" in refusal(path)
+    assert '"schema": "vic-registration/surface" is needed, give a surface file' in refusal(path)
 
 
 @pytest.mark.parametrize("version", [0, 2, "1", True, 1.5])

@@ -79,11 +79,12 @@ def checked_content(
     try:
         content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_without_duplicates)
     except (ValueError, RecursionError) as error:
-        msg = f"The {where} is not valid JSON ({error}); correct it, or give a {kind} file as the program writes it."
+        msg = f"The {where} is not valid JSON ({error}); correct it, or give another {kind} file."
         raise ValueError(msg) from error
     if not isinstance(content, dict) or content.get("schema") != schema:
         found = content.get("schema") if isinstance(content, dict) else None
-        msg = f"The {where} has the schema {found!r}; {schema!r} is understood, give a {kind} file."
+        given = "no schema" if found is None else f"the schema {found!r}"
+        msg = f'The {where} has {given}; "schema": "{schema}" is needed, give a {kind} file.'
         raise ValueError(msg)
     found = content.get("version")
     if isinstance(found, bool) or found != version:
