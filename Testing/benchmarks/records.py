@@ -22,11 +22,11 @@ SETTINGS = {
     "docs/architecture.md": "slices of 50 ms of the event loop",
     "docs/changes.md": "common volume 1 %, 0.3 mm; no edge 4 %; labels 0.001, pieces 0.5 %; "
     "tau 0.01, erosion and others 20 mm",
-    "docs/command-line.md": "exit codes 130, 143, 141; seeds 4 mm; triangles 0.05 mm; no edge 4 %; cost 0.3 %; "
+    "docs/command-line.md": "exit codes 130, 143, 141; seeds 4 mm; triangles 0.05 mm; no edge 4 %; "
     "standard error 0.005; volumes 0.001; Jacobians of 1 and 0",
     "docs/development.md": "pictures of 250 kB",
     "docs/file-formats.md": "never 1 mm; positions 0.1 mm; pixdim 1 %; qform 0.5 mm; axes 0.2 degrees; labels 0.001; "
-    "corners 1e-6; verdict 1.5 mm; in cm: 60, 0.15 mm",
+    "corners 1e-6; verdict 1.5 mm; cost 0.3 %; in cm: 60, 0.15 mm",
     "docs/generic-model.md": "sheets of 3 and 2.5 mm, in the literature 2.9, 0.8, 2.2 to 2.8, 1.2 to 1.7 mm; "
     "0 degrees but for rounding; elements 3 mm; Jacobian 0.1; "
     "basis functions 80 mm; turned 45 degrees; landmarks 30 mm; determinant 0.1",
