@@ -182,6 +182,17 @@ class SceneTest(PanelTestCase):
         self.assertFalse(self.ui.seedPlaceWidget.placeModeEnabled)
         self.widget.enter()
 
+    def test_whatAScriptChangesIsSeen(self):
+        self.add("bladder")
+        other = samples.addPhantomVolume()
+        # Each has values of its own, and the panel has others.
+        organ = next(iter(self.widget.logic.organs()))
+        organ.label = "Harnblase"
+        self.assertEqual(self.ui.organsTable.item(0, 2).text(), "Harnblase")
+        self.widget.logic.getParameterNode().volume = other
+        self.assertIs(self.ui.volumeSelector.currentNode(), other)
+        self.assertIs(self.panel.separateSection._volume, other)
+
     def test_whatHappensWhileAnotherModuleIsShownIsSeenAfterwards(self):
         self.add("bladder")
         organ = self.organ

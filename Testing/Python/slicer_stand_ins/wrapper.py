@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+import weakref
 
 import slicer
 import vtk
@@ -37,13 +38,41 @@ class Parameter:
         self.stored.check(value)
         for validator in self.validators:
             validator.validate(value)
-        with slicer.util.NodeModify(node):
-            self.stored.write(node, self.name, value)
+        self.stored.write(node, self.name, value)
 
     def read(self, node):
         if not self.stored.isIn(node, self.name):
             self.write(node, self.default)
         return self.stored.read(node, self.name)
+
+
+class Kept:
+    """The value of a parameter, read again after every change of its node that was not made here.
+
+    As in Slicer each has an observer of its own, and of all observers the one that was added first comes last.
+    """
+
+    def __init__(self, parameter, node):
+        self._parameter, self._node, self._writing = parameter, node, False
+        self.value = parameter.read(node)
+        me = weakref.ref(self)
+        self._tag = node.AddObserver(vtk.vtkCommand.ModifiedEvent, lambda *_: me() and me()._readAgain())
+
+    def __del__(self):
+        self._node.RemoveObserver(self._tag)
+
+    def _readAgain(self):
+        if not self._writing:
+            self.value = self._parameter.read(self._node)
+
+    def write(self, value):
+        self._writing = True
+        try:
+            with slicer.util.NodeModify(self._node):
+                self._parameter.write(self._node, value)
+                self.value = self._parameter.read(self._node)
+        finally:
+            self._writing = False
 
 
 class Wrapper:
@@ -52,8 +81,7 @@ class Wrapper:
     def __init__(self, parameterNode):
         self.parameterNode = parameterNode
         self._updating, self._connected = False, {}
-        for parameter in self.allParameters.values():
-            parameter.read(parameterNode)
+        self._kept = {name: Kept(parameter, parameterNode) for name, parameter in self.allParameters.items()}
 
     def __setattr__(self, name, value):
         # Slicer lets a misspelt parameter pass here as a new attribute.
@@ -118,7 +146,7 @@ def parameterNodeWrapper(cls):
     parameters = {}
     for name, hint in typing.get_type_hints(cls, include_extras=True).items():
         parameters[name] = Parameter(cls, name, hint)
-        setattr(cls, name, _attribute(parameters[name]))
+        setattr(cls, name, _attribute(name))
     cls.allParameters = parameters
     for name in (*vars(Wrapper), *_RESERVED):
         if not name.startswith("__") and hasattr(cls, name):
@@ -130,7 +158,5 @@ def parameterNodeWrapper(cls):
     return cls
 
 
-def _attribute(parameter):
-    return property(
-        lambda self: parameter.read(self.parameterNode), lambda self, value: parameter.write(self.parameterNode, value)
-    )
+def _attribute(name):
+    return property(lambda self: self._kept[name].value, lambda self, value: self._kept[name].write(value))

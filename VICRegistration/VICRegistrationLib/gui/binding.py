@@ -6,6 +6,10 @@ import slicer
 
 from .widgets import signalsBlocked
 
+# Priority of observers that read parameters: of those with the same priority VTK calls the first one last, and that
+# would be one by which a wrapper takes over what another wrapper has written.
+AFTER_WRAPPERS = -1.0
+
 
 class Binding:
     """Keeps parameters and widgets equal, both ways, from :meth:`bind` until it is released.
@@ -45,7 +49,7 @@ class Binding:
             self._wrapper.parameterNode.RemoveObserver(tag)
         self._wrapper, self._tag, self._observers = None, None, []
 
-    def _observe(self, event, callback, priority=0.0):
+    def _observe(self, event, callback, priority=AFTER_WRAPPERS):
         tag = self._wrapper.parameterNode.AddObserver(event, callback, priority)
         self._observers.append(tag)
         return tag

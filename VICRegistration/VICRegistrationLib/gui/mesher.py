@@ -131,13 +131,8 @@ def _installGmsh():
     if slicer.app.testingEnabled() or not slicer.util.confirmOkCancelDisplay(question):
         return False
     try:
-        # Slicer 5.11 and newer.
-        from slicer.packaging import pip_install
-    except ImportError:
-        pip_install = slicer.util.pip_install
-    try:
         with slicer.util.WaitCursor():
-            pip_install("gmsh")
+            slicer.util.pip_install("gmsh")
     except (subprocess.CalledProcessError, RuntimeError, OSError):
         logging.exception("The package gmsh could not be installed")
         return False

@@ -16,7 +16,7 @@ from ..mrml.separating import canBeSeparated
 from ..mrml.stack_contours import followStacks
 from ..mrml.volumes import greyVolumes, showInSlices
 from .advanced_section import AdvancedSection
-from .binding import Binding
+from .binding import AFTER_WRAPPERS, Binding
 from .compare_section import CompareSection
 from .correct_section import CorrectSection
 from .export_section import ExportSection
@@ -76,7 +76,7 @@ class Panel(VTKObservationMixin):
         self._volumeCame()
         self._volumeBinding.bind(self.parameters, {"volume": self.ui.volumeSelector})
         self.modelSection.setModule(self.parameters.parameterNode)
-        self.addObserver(self.parameters.parameterNode, vtk.vtkCommand.ModifiedEvent, self._parametersChanged)
+        self._follow(self.parameters.parameterNode, self._parametersChanged)
         self.stacksSection.open(self.organs)
         scene = slicer.mrmlScene
         # Before the selectors, which would choose a neighbour in their list.
@@ -225,7 +225,10 @@ class Panel(VTKObservationMixin):
             self.removeObserver(self._organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
         self._organ, self._volume = organ, volume
         if organ is not None:
-            self.addObserver(organ.parameterNode, vtk.vtkCommand.ModifiedEvent, self._organChanged)
+            self._follow(organ.parameterNode, self._organChanged)
+
+    def _follow(self, parameterNode, changed):
+        self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, changed, priority=AFTER_WRAPPERS)
 
     def _parametersChanged(self, caller=None, event=None):
         if not self.isOpen or slicer.mrmlScene.IsClosing():
