@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import gc
 
 import mrml_boot
 import mrml_scenes
@@ -132,8 +133,12 @@ def test_choices_and_records_of_another_version_are_passed_over(logic, through_a
     organ = logic.addOrgan(volume, [CENTER], name="bladder")
     organ.netRows, organ.solver = 13, type(organ.solver).GRADIENT_DESCENT
     organ.stackVolumes, organ.stackRecords = [volume], ['{"used": false, "reason": "moved", "later": 1}']
+    node = organ.parameterNode
+    # A wrapper would read it, and fail.
+    del organ
+    gc.collect()
     for name in ("loss", "state"):
-        organ.parameterNode.SetParameter(name, "UNHEARD_OF")
+        node.SetParameter(name, "UNHEARD_OF")
     through_a_bundle()
     (organ,) = logic.organs()
     assert (organ.loss.name, organ.state.name, organ.solver.name) == ("SQUARES", "NEW", "GRADIENT_DESCENT")
