@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -170,6 +171,34 @@ def test_a_fit_that_breaks_is_told(case, panelTests, monkeypatch, caplog, name):
     assert "list index" not in label.text
     assert "list index out of range" in caplog.text
     assert case.ui.fitButton.enabled
+
+
+@pytest.mark.parametrize("answer", ["no", "yes", "pip fails"])
+def test_gmsh_is_installed_only_if_the_user_agrees(case, monkeypatch, tmp_path, caplog, answer):
+    import slicer
+
+    from VICRegistrationLib.gui import mesher
+
+    asked, installed, started = [], [], []
+
+    def pip_install(name):
+        if answer == "pip fails":
+            raise subprocess.CalledProcessError(1, "pip")
+        installed.append(name)
+
+    monkeypatch.setattr(mesher, "_gmshIsThere", lambda: bool(installed))
+    monkeypatch.setattr(mesher, "Command", lambda words, *rest: started.append(words))
+    monkeypatch.setattr(type(slicer.app), "testingEnabled", lambda self: False)
+    monkeypatch.setattr(slicer.util, "confirmOkCancelDisplay", lambda text: asked.append(text) or answer != "no")
+    monkeypatch.setattr(slicer.util, "pip_install", pip_install, raising=False)
+    case.fitted("rectum")
+    case.ui.exportFormatCombo.setCurrentIndex(case.ui.exportFormatCombo.findData(".vtu"))
+    case.ui.exportFolderEdit.currentPath = str(tmp_path)
+    case.ui.exportButton.click()
+    assert len(asked) == 1
+    assert [words[0] for words in started] == (["mesh"] if answer == "yes" else [])
+    assert ("A mesh needs the package gmsh" in case.ui.exportStatusLabel.text) == (answer != "yes")
+    assert ("could not be installed" in caplog.text) == (answer == "pip fails")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a shell script for a program")

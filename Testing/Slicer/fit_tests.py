@@ -73,21 +73,18 @@ class FitTest(PanelTestCase):
 
     def test_aNewOrganThatWaitsIsNotFittedAfterCancelOrClosing(self):
         self.ui.fitAtOnceCheck.checked = True
-        try:
-            for end in (self.ui.cancelButton.click, slicer.mrmlScene.Clear):
-                for name in ("bladder", "vagina"):
-                    self.add(name)
-                    self.organ.seeds.AddControlPointWorld(*self.phantom.seeds[name][0])
-                    self.panel.separateSection.separate()
-                self.assertTrue(self.panel.fitSection.running)
-                end()
-                self.waitForFit()
-                slicer.app.processEvents()
-                self.assertFalse(self.panel.fitSection.running)
-                self.assertNotIn("needed", self.ui.fitStatusLabel.text)
-                self.assertFalse([organ for organ in self.panel.organs if organ.surface is not None])
-        finally:
-            self.ui.fitAtOnceCheck.checked = False
+        for end in (self.ui.cancelButton.click, slicer.mrmlScene.Clear):
+            for name in ("bladder", "vagina"):
+                self.add(name)
+                self.organ.seeds.AddControlPointWorld(*self.phantom.seeds[name][0])
+                self.panel.separateSection.separate()
+            self.assertTrue(self.panel.fitSection.running)
+            end()
+            self.waitForFit()
+            slicer.app.processEvents()
+            self.assertFalse(self.panel.fitSection.running)
+            self.assertNotIn("needed", self.ui.fitStatusLabel.text)
+            self.assertFalse([organ for organ in self.panel.organs if organ.surface is not None])
 
     def test_anotherModuleIsChosenMeanwhile(self):
         self.add("bladder")
@@ -164,20 +161,17 @@ class FitTest(PanelTestCase):
 
     def test_aNewOrganIsFittedAtOnce(self):
         self.ui.fitAtOnceCheck.checked = True
-        try:
-            self.add("bladder")
-            self.placeSeeds("bladder", count=1)
-            self.waitForFit()
-            self.assertLess(self.distance(self.organ), 0.3)
-            surface = surfaceFromModel(self.organ.surface).control_net
-            # Only the first region of a new organ: changes of the grey levels are looked at before they are fitted.
-            self.ui.erosionAutomaticCheck.click()
-            self.ui.erosionSlider.value = 4.0
-            self.waitForRegion()
-            self.assertFalse(self.panel.fitSection.running)
-            np.testing.assert_array_equal(surfaceFromModel(self.organ.surface).control_net, surface)
-        finally:
-            self.ui.fitAtOnceCheck.checked = False
+        self.add("bladder")
+        self.placeSeeds("bladder", count=1)
+        self.waitForFit()
+        self.assertLess(self.distance(self.organ), 0.3)
+        surface = surfaceFromModel(self.organ.surface).control_net
+        # Only the first region of a new organ: changes of the grey levels are looked at before they are fitted.
+        self.ui.erosionAutomaticCheck.click()
+        self.ui.erosionSlider.value = 4.0
+        self.waitForRegion()
+        self.assertFalse(self.panel.fitSection.running)
+        np.testing.assert_array_equal(surfaceFromModel(self.organ.surface).control_net, surface)
 
     def test_anOrganThatIsRemovedWhileItWaitsIsNotFitted(self):
         for name in ("bladder", "vagina"):
@@ -192,21 +186,18 @@ class FitTest(PanelTestCase):
 
     def test_newOrgansAreFittedOneAfterTheOther(self):
         self.ui.fitAtOnceCheck.checked = True
-        try:
-            self.add("bladder")
-            self.placeSeeds("bladder", count=1)
-            self.add("vagina")
-            self.organ.seeds.AddControlPointWorld(*self.phantom.seeds["vagina"][0])
-            # As after the delay, which the first fit may not outlast.
-            self.panel.separateSection.separate()
-            self.assertTrue(self.panel.fitSection.running)
-            self.add("rectum")
-            self.assertTrue(self.isPlacing())
-            self.waitForFit()
-            self.assertTrue(self.isPlacing())
-            self.assertEqual([organ.surface is not None for organ in self.panel.organs], [True, True, False])
-        finally:
-            self.ui.fitAtOnceCheck.checked = False
+        self.add("bladder")
+        self.placeSeeds("bladder", count=1)
+        self.add("vagina")
+        self.organ.seeds.AddControlPointWorld(*self.phantom.seeds["vagina"][0])
+        # As after the delay, which the first fit may not outlast.
+        self.panel.separateSection.separate()
+        self.assertTrue(self.panel.fitSection.running)
+        self.add("rectum")
+        self.assertTrue(self.isPlacing())
+        self.waitForFit()
+        self.assertTrue(self.isPlacing())
+        self.assertEqual([organ.surface is not None for organ in self.panel.organs], [True, True, False])
 
     def test_the3dViewsAreFocusedOnTheFirstSurfaceOnly(self):
         self.fitted("bladder")

@@ -128,14 +128,10 @@ class ModelTest(PanelTestCase):
         self.fitModel()
         self.ui.patchColorCheck.click()
         text, parts, told = findModel(self.volume).GetText(), set(self.parts()), self.ui.modelStatusLabel.text
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "scene.mrb")
-            self.assertTrue(slicer.util.saveScene(path))
-            slicer.mrmlScene.Clear()
+        with self.savedAndLoaded():
             self.assertEqual(self.ui.modelStatusLabel.text, "")
             self.assertFalse(self.ui.modelSection.enabled or self.ui.exportModelButton.enabled)
             self.assertEqual(self.ui.landmarksPlacedLabel.text, "")
-            slicer.util.loadScene(path)
         self.volume = self.ui.volumeSelector.currentNode()
         self.assertEqual((findModel(self.volume).GetText(), set(self.parts())), (text, parts))
         self.assertEqual(self.ui.modelStatusLabel.text, told)

@@ -5,8 +5,11 @@ In Slicer: ``Slicer --testing --no-main-window --python-script Testing/Slicer/ru
 
 from __future__ import annotations
 
+import contextlib
+import os
 import subprocess
 import sys
+import tempfile
 import unittest
 
 import numpy as np
@@ -66,6 +69,8 @@ class PanelTestCase(unittest.TestCase):
         self.ui.volumeSelector.setCurrentNode(self.volume)
 
     def tearDown(self):
+        # It is remembered.
+        self.ui.fitAtOnceCheck.checked = False
         self.panel.stop()
         slicer.mrmlScene.Clear()
 
@@ -107,6 +112,16 @@ class PanelTestCase(unittest.TestCase):
         self.ui.fitButton.click()
         self.waitForFit()
         return self.organ
+
+    @contextlib.contextmanager
+    def savedAndLoaded(self):
+        """Save the scene and close it, and load it again after the block."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "scene.mrb")
+            self.assertTrue(slicer.util.saveScene(path))
+            slicer.mrmlScene.Clear()
+            yield
+            slicer.util.loadScene(path)
 
     def regionVoxels(self):
         """Number of voxels of the current organ's segment."""

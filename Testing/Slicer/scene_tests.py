@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
-import tempfile
 
 import numpy as np
 import slicer
@@ -25,12 +23,8 @@ class SceneTest(PanelTestCase):
         self.ui.erosionSlider.value = 1.5
         self.waitForRegion()
         net, message = surfaceFromModel(organ.surface).control_net, organ.message
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "scene.mrb")
-            self.assertTrue(slicer.util.saveScene(path))
-            slicer.mrmlScene.Clear()
+        with self.savedAndLoaded():
             self.assertEqual(self.ui.organsTable.rowCount, 0)
-            slicer.util.loadScene(path)
         self.assertEqual(self.ui.organsTable.rowCount, 1)
         self.assertEqual(self.ui.organsTable.item(0, 2).text(), "rectum")
         loaded = self.organ

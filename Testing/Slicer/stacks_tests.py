@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import os
-import tempfile
 
 import numpy as np
 import slicer
@@ -184,12 +182,8 @@ class StacksTest(PanelTestCase):
         self.check().click()
         self.fitted("bladder")
         text = self.table.item(0, 1).text()
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "scene.mrb")
-            self.assertTrue(slicer.util.saveScene(path))
-            slicer.mrmlScene.Clear()
+        with self.savedAndLoaded():
             self.assertEqual(self.table.rowCount, 0)
-            slicer.util.loadScene(path)
         waitFor(lambda: self.table.rowCount == 1)
         self.assertEqual((self.check().text, self.check().checked), ("AX", True))
         self.assertEqual(self.table.item(0, 1).text(), text)
