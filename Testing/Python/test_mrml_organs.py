@@ -201,7 +201,6 @@ def test_presets_have_their_colours_and_others_those_that_are_free(organs):
         assert organs.add(name).color == color
     others = [organs.add("tumour").color for _again in range(4)]
     assert len({*others, *PRESETS.values()}) == 8
-    assert organs.add("own", (0.1, 0.2, 0.3)).color == (0.1, 0.2, 0.3)
 
 
 def test_the_colour_is_that_of_everything_that_belongs_to_the_organ(logic):

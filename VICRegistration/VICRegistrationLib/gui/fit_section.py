@@ -112,8 +112,6 @@ class FitSection:
         self._plot(None)
 
     def _start(self, volumeNode, queue):
-        if self.running:
-            return
         self._volume, self._queue = volumeNode, queue
         self._next()
 
@@ -134,9 +132,6 @@ class FitSection:
 
     def _stepped(self, step):
         organ = self._organ
-        if organ.surface is None:
-            # The generator reports its deletion before its next step.
-            return
         moveSurface(organ.surface, step.surface)
         focusOnce(self._volume)
         self._ui.progressBar.value = self._percent(step)

@@ -281,8 +281,6 @@ class ModelSection(VTKObservationMixin):
             self.stopPlacing()
 
     def _fit(self):
-        if self.running:
-            return
         self.stopPlacing()
         self._fittedVolume = self._volume
         self._show(_("Fitting the model ..."))

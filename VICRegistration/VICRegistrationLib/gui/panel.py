@@ -114,18 +114,14 @@ class Panel(VTKObservationMixin):
 
     def addOrgan(self, name):
         """Add an organ; the next click into a slice is its seed."""
-        if self.organs is None:
-            return
         organ = self.organs.add(name)
         if self.ui.fitAtOnceCheck.checked:
             self._toFit.append(organ.parameterNode)
-        if self._volume is not None:
-            self.separateSection.placeSeed()
+        self.separateSection.placeSeed()
 
     def removeOrgan(self):
         """Remove the current organ and what belongs to it."""
-        if self._organ is not None:
-            self.organs.remove(self._organ)
+        self.organs.remove(self._organ)
 
     def showVolume(self, node):
         """Show a volume that the user has chosen in the slices, to be clicked into."""
@@ -134,8 +130,7 @@ class Panel(VTKObservationMixin):
 
     def chooseOrgan(self, node):
         """Make an organ the current one."""
-        if self.parameters is not None:
-            self.parameters.current = node
+        self.parameters.current = node
 
     def fitOrgan(self):
         """Fit the current organ."""
@@ -231,16 +226,12 @@ class Panel(VTKObservationMixin):
         self.addObserver(parameterNode, vtk.vtkCommand.ModifiedEvent, changed, priority=AFTER_WRAPPERS)
 
     def _parametersChanged(self, caller=None, event=None):
-        if not self.isOpen or slicer.mrmlScene.IsClosing():
-            return
         if self.organs.current() is not self._organ or self.parameters.volume is not self._volume:
             self._showOrgan()
         else:
             self.refresh()
 
     def _organChanged(self, caller=None, event=None):
-        if not self.isOpen or slicer.mrmlScene.IsClosing():
-            return
         organ = self._organ
         if self._volume is not None and (organ.seeds is None or organ.boundaryPoints is None):
             # Somebody has deleted them; new lists become those in which clicks place points.

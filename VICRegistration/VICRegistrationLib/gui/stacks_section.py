@@ -143,16 +143,12 @@ class StacksSection(VTKObservationMixin):
 
     def _tick(self, nodeId, on):
         node = slicer.mrmlScene.GetNodeByID(nodeId)
-        if node is None or self._organs is None:
-            return
         others = [one for one in self._organs.parameters.furtherStacks if one is not None and one is not node]
         self._organs.parameters.furtherStacks = [*others, node] if on else others
 
     def _align(self, nodeId):
         node = slicer.mrmlScene.GetNodeByID(nodeId)
-        record = self._records.get(node)
-        if record is not None and canBeAligned(record, self._own, node):
-            alignStack(record, self._own, node)
+        alignStack(self._records[node], self._own, node)
 
     def _followViews(self):
         for node in slicer.util.getNodesByClass("vtkMRMLSliceCompositeNode"):

@@ -78,15 +78,14 @@ class Organs:
         node = self.parameters.current
         return self.of(node) if node is not None and node.GetScene() is not None else None
 
-    def add(self, name, color=None):
+    def add(self, name):
         """Add an organ and make it the current one.
 
         Parameters
         ----------
         name : str
-            A number is appended if there is such an organ; "&" becomes "+".
-        color : (r, g, b), optional
-            0 to 1; that of the preset of this name, or one that is not used yet.
+            A number is appended if there is such an organ; "&" becomes "+". The colour is that of the preset of this
+            name, or one that is not used yet.
 
         Returns
         -------
@@ -102,7 +101,7 @@ class Organs:
         slicer.mrmlScene.AddNode(node)
         organ = self.of(node)
         organ.label = label
-        organ.color = tuple(float(part) for part in color or self._unusedColor(name))
+        organ.color = self._unusedColor(name)
         self.parameters.organs = [*self.nodes(), node]
         self.parameters.current = node
         return organ
