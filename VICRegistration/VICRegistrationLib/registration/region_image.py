@@ -14,7 +14,8 @@ from ..imaging.resampling import resampled, signed_distances
 from ..imaging.sampling import Sampler
 
 # Voxels of the distance image: enough to carry the region's shape, few enough to be looked up fast. Each is the mean of
-# 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise.
+# 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise. Half and twice as many voxels change the
+# mean distances of the demo's organs by 0.004 mm, of two real bladders and of a bent tube by 0.011 mm at most.
 _GRID_VOXELS = 100_000
 _FINER = 2
 # With fewer inside the shape is not known.
