@@ -112,7 +112,8 @@ def _grid(region: Region, masks: Sequence[Image]) -> tuple[np.ndarray, np.ndarra
 def _bridged(whole: np.ndarray, unseen: np.ndarray) -> np.ndarray:
     """Voxels that no stack shows, in the convex hull of the rest of an organ, (k, j, i) of bool.
 
-    Where stacks end at different places, the region has steps that the organ has not.
+    Where stacks end at different places, the region has steps that the organ has not. Without it the demo's organs in
+    two stacks that cut them are off by 0.24 to 0.44 in place of 0.10 to 0.27 mm.
     """
     rim = boundary_voxels(whole)
     places = np.argwhere(unseen & ~whole)
