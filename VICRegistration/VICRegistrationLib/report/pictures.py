@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,6 +28,8 @@ _SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff
 _AGAIN = "through the points, "
 # Room for the names of all stages, in points of 1/72 inch.
 _NAMES_HEIGHT = 215.0
+# So many letters of 8.5 points fit beside it.
+_NAME_LETTERS = 36
 # As many as there are stages at most: of three nets, the coarser one kept, boundary points.
 _STAGE_COLOURS = (
     *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
@@ -288,8 +291,9 @@ def _draw_stages(axes, names: list) -> None:
         _, again, rest = name.partition(_AGAIN)
         if again and all(text != title for _, text in entries):
             entries.append((Line2D([], [], alpha=0.0), title))
-        entries.append((curve, rest or name))
-    size = min(8.5, _NAMES_HEIGHT / (1.45 * (len(entries) + 1)))
+        entries.append((curve, textwrap.fill(rest or name, _NAME_LETTERS)))
+    lines = sum(1 + text.count("\n") for _, text in entries)
+    size = min(8.5, _NAMES_HEIGHT / (1.45 * (lines + 1)))
     style = {"title": "stage (iterations)", "fontsize": size, "title_fontsize": size, "labelspacing": 0.35}
     place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.02), "borderaxespad": 0.0, "frameon": False}
     axes.legend(*zip(*entries), **style, **place)
