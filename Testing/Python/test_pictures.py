@@ -257,7 +257,11 @@ def test_seeds_and_boundary_points_are_in_the_pictures(image, organ):
         # A second fit, after boundary points have contradicted the first one.
         [f"{again}grey levels, coarse, {n}x17" for again in ("", "through the points, ") for n in range(20, 31)],
         # Surfaces that have folded.
-        [f"grey levels, {width}, {net}, held 10 times closer" for net in ("17x11", "33x19") for width in ("coarse", "fine")],
+        [
+            f"grey levels, {width}, {net}, held 10 times closer"
+            for net in ("17x11", "33x19")
+            for width in ("coarse", "fine")
+        ],
     ],
 )
 def test_legends_cover_neither_curves_nor_slices(image, organ, stages):

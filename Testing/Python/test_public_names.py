@@ -94,6 +94,40 @@ def test_what_is_no_surface_or_no_region_is_refused_by_a_sentence(fit):
         vic.fit_region(fit.image, fit)
 
 
+def test_a_label_may_be_a_path(image, fit, tmp_path):
+    mask = mask_in_place(fit.region, image.array.shape).astype(np.uint8)
+    write_image(vic.Image(mask, image.ijk_to_ras), tmp_path / "label.nii.gz")
+    found = vic.region_from_label(image, tmp_path / "label.nii.gz")
+    np.testing.assert_array_equal(mask_in_place(found, mask.shape), mask)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda image: vic.region_from_mask(image, image), "A mask is an array .* Image was given; region_from_label"),
+        (lambda image: vic.fit(image, CENTER, {"net": (9, 7)}), "dict was given; give single ones .* net="),
+        (lambda image: vic.fit_model(image, [CENTER]), "list was given as organs; a mapping is needed"),
+    ],
+)
+def test_values_of_another_type_are_refused_by_a_sentence(image, call, told):
+    with pytest.raises(TypeError, match=told):
+        call(image)
+
+
+@pytest.mark.parametrize("name", ["organ.stl", "organ.step", "organ"])
+def test_a_file_without_control_points_is_refused_as_that(tmp_path, name):
+    with pytest.raises(ValueError, match=r"holds no control points; those of a surface are in \.json and \.vtp files"):
+        vic.read_surface(tmp_path / name)
+
+
+@pytest.mark.parametrize("frame", ["1", 1.0, True])
+def test_the_number_of_a_volume_is_a_whole_one(image, tmp_path, frame):
+    write_image(image, tmp_path / "mri.nii.gz")
+    with pytest.raises(ValueError, match=r"Volume \S+ was asked for; its number is a whole one, from 1"):
+        vic.read_image(tmp_path / "mri.nii.gz", frame=frame)
+    assert vic.read_image(tmp_path / "mri.nii.gz", frame=np.int64(1)).array.shape == image.array.shape
+
+
 @pytest.mark.parametrize("call", [vic.separate, vic.fit, vic.fit_region, vic.refit, vic.region_from_mask])
 def test_an_array_is_no_image(call):
     with pytest.raises(TypeError, match=r"ndarray was given; make one with Image.from_array\(array, ijk_to_ras\)"):

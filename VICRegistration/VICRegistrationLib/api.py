@@ -261,6 +261,10 @@ def fit_model(
     from .segmentation.separation import separate
 
     image, options = as_image(image), options or {}
+    for what, given in (("organs", organs), ("options", options)):
+        if not isinstance(given, Mapping):
+            msg = f"{type(given).__name__} was given as {what}; a mapping is needed, with the organs' names as keys."
+            raise TypeError(msg)
     if isinstance(model, (str, os.PathLike)):
         model = find_model(model)
     regions = {}
@@ -350,7 +354,11 @@ def read_surface(path: str | os.PathLike) -> BSplineSurface:
     >>> np.array_equal(again.control_net, ball.control_net)
     True
     """
-    if Path(path).suffix.lower() == ".vtp":
+    suffix = Path(path).suffix.lower()
+    if suffix not in (".json", ".vtp"):
+        msg = f"{path} holds no control points; those of a surface are in .json and .vtp files, as save writes them."
+        raise ValueError(msg)
+    if suffix == ".vtp":
         from .export.mesh_reading import read_vtp_record
 
         return read_vtp_record(path).surface
@@ -378,5 +386,11 @@ def _options(options: FitOptions | None, choices: dict) -> FitOptions:
     unknown = [name for name in choices if name not in known]
     if unknown:
         msg = f"There is no option {', '.join(unknown)}; the options are {', '.join(known)}."
+        raise TypeError(msg)
+    if not isinstance(options, (FitOptions, type(None))):
+        msg = (
+            f"Options are FitOptions, and {type(options).__name__} was given; give single ones by their names, such as "
+            "net=(9, 7)."
+        )
         raise TypeError(msg)
     return replace(options or FitOptions(), **choices)

@@ -209,7 +209,7 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
         return next(iter(found.values()))
     firsts = {uid: next(iter(files.values())) for uid, files in found.items()}
     named = {uid: [firsts[uid].get(tag, "") for tag in (_SERIES_DESCRIPTION, _SERIES_NUMBER)] for uid in found}
-    matches = [uid for uid in found if series is not None and series in (uid, *named[uid])]
+    matches = [uid for uid in found if series is not None and str(series) in (uid, *named[uid])]
     if len(matches) == 1:
         return found[matches[0]]
     listing = "; ".join(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,12 +93,12 @@ class Region:
         return float(area)
 
 
-def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> Region:
+def region_from_mask(image: Image | str | os.PathLike, mask, *, largest_component: bool = False) -> Region:
     """Take a region from a segmentation on the image's grid.
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
     mask : ndarray, shape (nk, nj, ni)
         Voxels other than zero belong to the organ.
     largest_component : bool
@@ -111,8 +112,10 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
 
     Raises
     ------
+    TypeError
+        If the mask is no array.
     ValueError
-        If the mask is empty or has another shape than the image.
+        If it is empty or has another shape than the image.
 
     Examples
     --------
@@ -124,6 +127,12 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
     >>> vic.region_from_mask(image, mask)
     Region(1.2 ml in 12 x 12 x 6 voxels)
     """
+    if isinstance(mask, (Image, str, os.PathLike)):
+        msg = (
+            f"A mask is an array on the image's grid, and {type(mask).__name__} was given; region_from_label takes "
+            "label images and their files, on any grid."
+        )
+        raise TypeError(msg)
     image, mask = as_image(image), np.asarray(mask)
     if mask.shape != image.array.shape:
         msg = (
@@ -142,14 +151,14 @@ def region_from_mask(image: Image, mask, *, largest_component: bool = False) -> 
     return replace(region_from_crop(image, mask, start, fill=False), diagnostics=diagnostics)
 
 
-def region_from_label(image: Image, label: Image) -> Region:
+def region_from_label(image: Image | str | os.PathLike, label: Image | str | os.PathLike) -> Region:
     """Take a region from a label on any grid: the voxels of the image of which it holds at least a half.
 
     Parameters
     ----------
-    image : Image
+    image : Image or path
         The grey levels.
-    label : Image
+    label : Image or path
         Voxels other than zero belong to the organ, see :func:`.labels.read_label`. Its largest piece counts; others
         that are more than stray voxels are reported in ``diagnostics``.
 
@@ -172,7 +181,8 @@ def region_from_label(image: Image, label: Image) -> Region:
     >>> vic.region_from_label(image, label)
     Region(0.729 ml in 10 x 10 x 4 voxels)
     """
-    image, mask = as_image(image), label.array != 0
+    image, label = as_image(image), as_image(label)
+    mask = label.array != 0
     if not mask.any():
         msg = "The label is empty; it must hold the organ's voxels. Choose another segment or label."
         raise ValueError(msg)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 
 class SeveralVolumes(ValueError):
     """There are several volumes or series, and none was chosen.
@@ -43,8 +45,11 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
     SeveralVolumes
         If there are several and none was chosen.
     ValueError
-        If there is none of this number.
+        If there is none of this number, or it is no whole one.
     """
+    if frame is not None and (isinstance(frame, bool) or not isinstance(frame, Integral)):
+        msg = f"Volume {frame!r} was asked for; its number is a whole one, from 1."
+        raise ValueError(msg)
     if frame is not None and not 1 <= frame <= count:
         found, needed = ("1 volume", "leave it out") if count == 1 else (f"{count} volumes", f"give 1 to {count}")
         msg = f"Volume {frame} was asked for, but {what} holds {found}; {needed}."
@@ -52,4 +57,4 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
     if frame is None and count > 1:
         way_out = f"; one volume is needed. Choose it with --frame 1 to --frame {count}."
         raise SeveralVolumes(found or f"{what} holds {count} volumes", way_out)
-    return (frame or 1) - 1
+    return int(frame or 1) - 1
