@@ -17,7 +17,7 @@ class Application:
 
     def __init__(self, mrml):
         self._mrml, self._manager, self._files = mrml, ModuleManager(), SceneFiles(mrml)
-        self._handlers = {"startupCompleted()": [], "aboutToQuit()": []}
+        self._handlers = {"startupCompleted()": []}
         self._clipboard = Clipboard()
         self.temporaryPath = str(mrml.temporary)
         self.eventLoop = None

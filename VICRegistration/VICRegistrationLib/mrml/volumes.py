@@ -87,9 +87,10 @@ def greyVolumes():
     Returns
     -------
     list of vtkMRMLScalarVolumeNode
-        Without label maps.
+        Without label maps, and without those that Slicer's selectors do not show.
     """
-    return [node for node in slicer.util.getNodesByClass(_GREY_VOLUME) if isGreyVolume(node)]
+    nodes = slicer.util.getNodesByClass(_GREY_VOLUME)
+    return [node for node in nodes if isGreyVolume(node) and not node.GetHideFromEditors()]
 
 
 def showInSlices(volumeNode):
