@@ -76,6 +76,23 @@ def test_what_cannot_be_exported_is_refused_and_nothing_is_written(logic, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["bladder", "BLADDER"])
+def test_organs_whose_files_would_replace_each_other_are_refused(logic, tmp_path, name):
+    from VICRegistrationLib.mrml.exporting import exportSurfaces, meshArguments
+
+    volume = mrml_scenes.add_volume()
+    organs = [logic.fit(volume, [CENTER], name=each) for each in ("bladder", "other")]
+    # As after a scene was loaded on top of another.
+    organs[1].label = name
+    for write in (
+        lambda: exportSurfaces(organs, tmp_path, ".stl"),
+        lambda: meshArguments(organs, tmp_path, tmp_path, ".vtu", sizeMm=3.0),
+    ):
+        with pytest.raises(ValueError, match=f"Two organs are named {name}; rename one"):
+            write()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_mesher_gets_the_surface_in_the_world(logic, tmp_path):
     from VICRegistrationLib.mrml.exporting import meshArguments, worldSurface
 

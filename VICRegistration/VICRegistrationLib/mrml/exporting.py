@@ -169,9 +169,15 @@ def loadMesh(path):
 
 def _solids(organs):
     from ..export.step import Solid
-    from ..file_names import organ_name
+    from ..file_names import file_key, organ_name
 
-    solids = [Solid(organ_name(organ.label), worldSurface(organ), tuple(organ.color)) for organ in organs]
+    solids = {}
+    for organ in organs:
+        name = organ_name(organ.label)
+        if file_key(name) in solids:
+            # As after scenes were loaded on top of each other: one file would replace the other.
+            raise ValueError(_("Two organs are named {name}; rename one of them in the table.").format(name=name))
+        solids[file_key(name)] = Solid(name, worldSurface(organ), tuple(organ.color))
     if not solids:
         raise ValueError(_("No organ has a surface yet; one is needed to export. Fit an organ first."))
-    return solids
+    return list(solids.values())
