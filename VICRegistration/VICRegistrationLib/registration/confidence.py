@@ -31,11 +31,14 @@ from .stages import Stage
 _PRIOR_MM = 3.0
 # Calibrated on phantoms: what part of the misfit of the lines is that of the surface.
 _MISFIT_SHARE = 0.75
-# Neighbours whose residuals count, as a share of the parameter range.
+# Neighbours whose residuals count, as a share of the parameter range. Half and twice of it change the standard
+# deviation of the demo's organs by 6 % at most, that of a bladder that shows no edge on 15 % of its area by 40 %.
 _NEIGHBOURS = 0.04
 # The surface as a whole lies off by this part of a pixel, however many voxels it passes: seen on phantoms.
 _COMMON_PIXELS = 0.08
-# Mean squared residual, in units of the squared contrast, at which the image looks like no edge.
+# Mean squared residual, in units of the squared contrast, at which the image looks like no edge. Half and twice of it
+# change the share of the area without one by 0.03 at most in two clear images of bladders. Without a limit it is 0.43
+# in place of 0.71 for a hippocampus, which shows none.
 _NO_EDGE = 0.5
 # A place with less support than this follows no edge.
 _LEAST_SUPPORT = 0.3
