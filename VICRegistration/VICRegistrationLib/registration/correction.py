@@ -54,11 +54,11 @@ _SPAN = 0.55
 # Weight against leaving the surface before, away from the points, and the deformed one, at them; 1 is about that of a
 # sharp edge. With half and twice as much, points are met and other walls moved by no more than 0.1 mm differently.
 _HOLD = 1.0
-# Bending energies, from the stiffest to that with which the points are met. With the first, points 6 mm apart make one
-# bulge, and one 5 mm off the demo's bladder bends its wall to a radius of 5.0 mm; with half of it to 4.5 mm, with twice
-# to 5.6 mm, where it moves walls beyond half the organ's radius by more than 0.25 mm. With a tenth the wall ripples by
-# 0.2 mm between points.
-_BENDING = (1.7e-3, 2e-4, 4e-5)
+# Bending energies: a stiff one, and one with which points are met that this leaves off. With the first, points 6 mm
+# apart make one bulge, and one 5 mm off the demo's bladder bends its wall to a radius of 5.0 mm; with half of it to 4.5
+# mm, with twice to 5.6 mm, where it moves walls beyond half the organ's radius by more than 0.25 mm. With a tenth the
+# wall ripples by 0.2 mm between points.
+_BENDING = (1.7e-3, 4e-5)
 # Radius around a point within which the deformed surface counts, in reaches. With half of it these points are met to
 # 0.09 to 0.30 mm, with twice of it walls far from them are moved by up to 0.8 in place of 0.6 mm.
 _NEAR = 0.7
@@ -130,7 +130,7 @@ def correct(
 
 
 def _fitted_to(points: np.ndarray, observed: _Observed, stage: Stage) -> Generator[Step, None, BSplineSurface]:
-    """Run a stage, softer and softer, until it meets the points; the last surface without folds."""
+    """Run a stage, and again softer if it does not meet the points; the last surface without folds."""
     deformed, options, kept = observed.deformed, observed.options, None
     for bending in _BENDING:
         last = yield from observed.fitted(replace(stage, bending=bending))
