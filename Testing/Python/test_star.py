@@ -108,6 +108,17 @@ def test_radii_cost_as_little_as_those_of_a_minimum_cut(seed):
     assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, abs=0.01)
 
 
+def test_between_two_levels_the_radii_rise_evenly_as_the_squares_of_their_slopes_cost():
+    ball, most, stiffness = sphere(3), 3, 0.3
+    costs, slopes, ahead = np.zeros((len(ball.directions), 16)), 0.5 / ball.angles, ball.directions[:, 0]
+    costs[ahead < -0.8, 4] = costs[ahead > 0.8, 10] = -20.0
+    radii = cheapest_radii(ball, costs, slopes, stiffness=stiffness, most=most)
+    prices = stiffness * slopes**2
+    least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
+    assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, rel=1e-3)
+    assert np.corrcoef(ahead, radii)[0, 1] > 0.97
+
+
 def test_a_side_without_any_edge_gets_the_radius_of_the_others():
     costs = np.zeros((len(sphere().directions), 80))
     seen = sphere().directions[:, 0] < 0.3
