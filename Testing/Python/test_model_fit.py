@@ -57,9 +57,9 @@ def test_every_step_shows_all_organs(fitted):
     steps, found = fitted
     assert all(list(step.surfaces) == list(found.organs) for step in steps)
     stages = list(dict.fromkeys(step.stage for step in steps))
-    assert stages[:4] == ["ends", "region", "grey levels, coarse", "grey levels, fine"]
+    assert stages[:3] == ["region", "grey levels, coarse", "grey levels, fine"]
     own = ("region", "grey levels, coarse", "grey levels, fine")
-    assert stages[4:] == [f"{name}, own control points, {stage}" for name in found.organs for stage in own]
+    assert stages[3:] == [f"{name}, own control points, {stage}" for name in found.organs for stage in own]
     assert all(np.isfinite(step.cost) for step in steps)
 
 

@@ -1,8 +1,8 @@
 """The organs of a generic model, fitted to an image: placed, deformed as one, and each by itself at last.
 
 1. *Place* all organs by the moments of their regions, see :mod:`.placement`.
-2. *Deform* them as one by radial basis functions, see :mod:`.joint`: to the ends of the regions, on the regions, then
-   on the grey levels, coarse and fine. In between, points slide on their surfaces to where space bends least.
+2. *Deform* them as one by radial basis functions, see :mod:`.joint`, on the regions, then on the grey levels, coarse
+   and fine. In between, points slide on their surfaces to where space bends least.
 3. *Register* each organ with its own control points, again on its region and on the grey levels: they reach sharp ends
    that the functions of all organs do not, and that are lost to the grey levels once a surface is far from them.
 
@@ -33,7 +33,6 @@ from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
 from ..registration.organ import Outcome, complete_region, completed
 from ..registration.organ_fit import OrganFit
-from ..registration.region_image import RegionImage
 from ..registration.schedule import Schedule
 from ..registration.stacks import Stack
 from ..registration.stages import Step, last_step
@@ -111,8 +110,6 @@ def fit_organs(
     space = JointSpace(placed)
     maps = placement.maps
     surfaces = space.nearest({name: surface.transformed(maps[name]).control_net for name, surface in placed.items()})
-    clouds = {name: _boundary(organ.schedule.region) for name, organ in organs.items()}
-    surfaces = yield from _in_histories(space.towards(surfaces, clouds), organs)
     organs, alone = yield from _deformed_as_one(space, organs, surfaces, ("on_region", "coarse", "fine"))
     while True:
         planned, together = yield from _on_all_stacks(space, organs, alone)
@@ -140,16 +137,6 @@ def _planned(
     options = asked.filled_in(threshold=region.threshold, net=net_of(parent, CLOSURE), closure=CLOSURE)
     schedule = Schedule.of_region(image, whole, pose, options)
     return _Organ(region, whole, asked, schedule, history, JointStacks(stacks, np.eye(4)))
-
-
-def _boundary(region: RegionImage) -> np.ndarray:
-    """Points of a region's boundary, (n, 3) RAS mm: voxels of its distance image that are near, moved there."""
-    distance = region.distance
-    k, j, i = np.nonzero(np.abs(distance.array) < 0.5 * distance.spacing.min())
-    points = distance.to_ras(np.column_stack([i, j, k]))
-    values, gradients, _ = region.sampler.values_and_gradients(points)
-    squared = np.maximum(np.sum(gradients**2, axis=1), 0.25)
-    return points - (values / squared)[:, None] * gradients
 
 
 def _deformed_as_one(
