@@ -90,7 +90,7 @@ def test_a_seed_outside_of_the_volume(refused):
 
 @pytest.mark.parametrize("seeds", [[], np.empty((0, 3)), None])
 def test_no_seeds(refused, seeds):
-    assert "organ has no seed; one is needed. Place a point" in refused(mrml_scenes.add_volume(), seeds)
+    assert "organ has no seed. Place a point" in refused(mrml_scenes.add_volume(), seeds)
 
 
 def test_a_list_without_placed_points(refused, scene):

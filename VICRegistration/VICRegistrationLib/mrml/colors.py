@@ -112,7 +112,7 @@ def colorBy(modelNode, name=None):
         If there is no model, or its points have no such numbers.
     """
     if modelNode is None:
-        raise ValueError(_("There is no surface yet; one is needed to be coloured. Fit the organ first."))
+        raise ValueError(_("There is no surface yet. Fit the organ first."))
     if name is not None and not hasNumbers(modelNode, name):
         raise ValueError(
             _("The model {model} has no numbers named {name} at its points; they are needed to colour it.").format(

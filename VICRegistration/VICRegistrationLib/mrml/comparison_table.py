@@ -82,7 +82,7 @@ def tableAsCsv():
     node = comparisonTable()
     count = node.GetNumberOfRows() if node is not None else 0
     if not count:
-        raise ValueError(_("There is no comparison to copy yet; one is needed. Press Compare first."))
+        raise ValueError(_("There is no comparison to copy yet. Press Compare first."))
     columns, text = _columns(node), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.GetName() for column in columns])

@@ -179,5 +179,5 @@ def _solids(organs):
             raise ValueError(_("Two organs are named {name}; rename one of them in the table.").format(name=name))
         solids[file_key(name)] = Solid(name, worldSurface(organ), tuple(organ.color))
     if not solids:
-        raise ValueError(_("No organ has a surface yet; one is needed to export. Fit an organ first."))
+        raise ValueError(_("No organ has a surface yet. Fit an organ first."))
     return list(solids.values())

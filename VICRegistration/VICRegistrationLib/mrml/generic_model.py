@@ -48,7 +48,7 @@ def modelNamed(name):
     from ..multipatch.library import MODELS
 
     if not name:
-        raise ValueError(_("No file is chosen; a generic model is needed. Choose a model file."))
+        raise ValueError(_("No file is chosen. Choose a model file."))
     try:
         return _foundModel(name, None if name in MODELS else os.stat(name).st_mtime_ns)
     except OSError as error:

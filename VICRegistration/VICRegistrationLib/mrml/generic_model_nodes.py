@@ -187,7 +187,7 @@ def modelOfVolume(volumeNode):
 
     textNode = findModel(volumeNode)
     if textNode is None:
-        raise ValueError(_("There is no fitted model yet; one is needed. Press Fit model first."))
+        raise ValueError(_("There is no fitted model yet. Press Fit model first."))
     model = model_of_text(textNode.GetText() or "", f"text {textNode.GetName()}")
     matrix = _matrixToWorld(volumeNode) @ _hardened(model, partsOf(volumeNode))
     if np.array_equal(matrix, np.eye(4)):

@@ -38,9 +38,7 @@ def referenceFor(modelNode, reference, segmentId=""):
         If there is no reference, it is the model itself, or it has nothing to measure against.
     """
     if reference is None or reference.GetScene() is None:
-        raise ValueError(
-            _("No reference is chosen; a segment or a model is needed to compare with. Choose one in the scene.")
-        )
+        raise ValueError(_("No reference is chosen. Choose one to compare with: a segment or a model."))
     if reference is modelNode:
         raise ValueError(
             _("The model {name} is the surface of the organ itself; choose another one to compare it with.").format(
@@ -107,9 +105,7 @@ def _meshOfSegment(node, segmentId):
     segment = node.GetSegmentation().GetSegment(segmentId) if segmentId else None
     if segment is None:
         raise ValueError(
-            _("No segment of {name} is chosen; one is needed to compare with. Choose a segment.").format(
-                name=node.GetName()
-            )
+            _("No segment of {name} is chosen. Choose the one to compare with.").format(name=node.GetName())
         )
     found = None
     if node.GetSegmentation().IsSourceRepresentationPolyData():

@@ -163,7 +163,7 @@ def regionFromSegment(segmentationNode, segmentId, volumeNode, image):
 
     segment = segmentationNode.GetSegmentation().GetSegment(segmentId) if segmentationNode and segmentId else None
     if segment is None:
-        raise ValueError(_("No segment is chosen; one is needed to start from. Choose a segmentation and a segment."))
+        raise ValueError(_("No segment is chosen. Choose a segmentation and a segment."))
     mask = _voxelsOf(segmentationNode, segmentId, volumeNode)
     if not np.any(mask):
         raise ValueError(

@@ -87,9 +87,7 @@ def _regionOf(organ, volumeNode, image):
         return regionFromSegment(organ.inputSegmentation, organ.inputSegmentId, volumeNode, image)
     seeds = markedPoints(organ.seeds, volumeNode)
     if not len(seeds):
-        raise ValueError(
-            _("The organ {name} has no seed; one is needed. Place a point inside the organ.").format(name=organ.label)
-        )
+        raise ValueError(_("The organ {name} has no seed. Place a point inside the organ.").format(name=organ.label))
     options = organ.options()
     return separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
 

@@ -293,10 +293,9 @@ def _gridBeside(volumeNode, stackNode):
 
 
 def _bent(volumeNode, stackNode):
-    return _(
-        "A transform that bends lies between {stack} and {volume}; their places need to differ by a linear one. Harden "
-        "it on the volume, or remove it."
-    ).format(stack=stackNode.GetName(), volume=volumeNode.GetName())
+    return _("A transform that bends lies between {stack} and {volume}. Harden it on the volume, or remove it.").format(
+        stack=stackNode.GetName(), volume=volumeNode.GetName()
+    )
 
 
 def _startOf(record, volumeNode, grid):

@@ -148,9 +148,7 @@ def surfaceOf(organ, *, corrected=True):
         If it has none yet, or as :func:`surfaceFromModel`.
     """
     if organ.surface is None:
-        raise ValueError(
-            _("The organ {name} has no surface yet; one is needed. Fit it first.").format(name=organ.label)
-        )
+        raise ValueError(_("The organ {name} has no surface yet. Fit it first.").format(name=organ.label))
     return surfaceFromModel(organ.surface, corrected=corrected)
 
 

@@ -45,7 +45,7 @@ def imageFromVolume(volumeNode):
             )
         )
     if volumeNode is None or volumeNode.GetScene() is None:
-        raise ValueError(_("No volume is chosen; one is needed to look for organs in. Choose the input volume."))
+        raise ValueError(_("No volume is chosen. Choose the MRI."))
     data = volumeNode.GetImageData()
     if data is None or data.GetPointData().GetScalars() is None:
         raise ValueError(
