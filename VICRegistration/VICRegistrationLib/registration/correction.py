@@ -37,12 +37,12 @@ from .schedule import Schedule
 from .stacks import StackUse
 from .stages import Stage, Step, iterate_stage
 
-# How far around a point space is deformed, in radii of a ball of the organ's volume: the first of these with which no
-# wall is moved farther than the points lie off by more than this share of the largest distance, measured at so many
-# places. And at least this many times as far as the farthest point lies off, with the first one and with the others.
-# A bladder that an expert draws without its tumours ends at 0.87 mm with eight points so, and with half and twice this
-# share; at 1.05 with the first radius alone.
-_RADII, _BEYOND, _SAMPLES = (1.0, 0.5, 0.25), 0.05, (48, 32)
+# How far around a point space is deformed, in radii of a ball of the organ's volume: the second one where with the
+# first a wall is moved farther than the points lie off by more than this share of the largest distance, measured at so
+# many places. And at least this many times as far as the farthest point lies off, with the first one and with the
+# second. A bladder that an expert draws without its tumours ends at 0.87 mm with eight points so, and with half and
+# twice this share; at 1.05 with the first radius alone.
+_RADII, _BEYOND, _SAMPLES = (1.0, 0.5), 0.05, (48, 32)
 _DISTANCES, _LEAST_DISTANCES = 3.0, 2.0
 # How far around a point it counts for the fit: likewise. With 1.6 distances eight points leave a mean of 1.45 mm in a
 # bladder that is missed by up to 19 mm, with 3, 5 and 8 one of 1.1; with 5 and 8 the far wall of a thin organ is moved.
