@@ -14,7 +14,7 @@ from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from VICRegistrationLib.analysis.comparison import compare, distances_from
+from VICRegistrationLib.analysis.comparison import compare, distances_from, volume_dice
 from VICRegistrationLib.analysis.mirrored import mirrored
 from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
 from VICRegistrationLib.analysis.references import read_reference
@@ -30,6 +30,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.messages import Diagnostic
+from VICRegistrationLib.phantoms.organs import pelvic_organs
 
 CENTER = np.array([30.0, -20.0, 10.0])
 WRITERS = {
@@ -293,6 +294,17 @@ def test_a_mirrored_mesh_is_suspected(surface, signs, sides):
     found, better = mirrored(surface, reference, dice)
     assert found == sides
     assert better > 0.99
+
+
+def test_a_mirrored_organ_that_is_nearly_symmetric_is_suspected():
+    """As a bladder is: mirrored at the middle of the patient it has nine tenths of its volume in common with itself."""
+    bladder = pelvic_organs()["bladder"]
+    mesh = triangulate(bladder)
+    for signs, sides in (((-1.0, 1.0, 1.0), "left and right"), ((1.0, 1.0, 1.0), "")):
+        reference = closed_mesh(ReferenceMesh(mesh.points * signs, mesh.triangles))
+        dice = volume_dice(ReferenceMesh(mesh.points, mesh.triangles), reference)
+        assert dice > 0.85
+        assert mirrored(bladder, reference, dice)[0] == sides
 
 
 def test_a_label_image_that_was_turned_over_on_its_grid_is_suspected(surface, tmp_path):

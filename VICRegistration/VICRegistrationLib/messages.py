@@ -182,7 +182,7 @@ SENTENCES = {
     ),
     "reference_mirrored": _(
         "The surface fits {reference} better with {sides} exchanged (volume Dice {mirrored_dice:.2f} instead of "
-        "{dice:.2f}); one of the two is mirrored, or in another frame (LPS or RAS)."
+        "{dice:.2f}); one of the two is probably mirrored, or in another frame (LPS or RAS)."
     ),
     "little_in_common": _(
         "The surface has little or no volume in common with {reference} (volume Dice {dice:.2f}); check that both are "

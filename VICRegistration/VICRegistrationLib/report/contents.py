@@ -103,7 +103,7 @@ class ComparedOrgan:
 
     @cached_property
     def mirrored(self) -> tuple[str, float]:
-        """What is exchanged in a mirror image of the reference that fits far better, and its volume Dice."""
+        """What is exchanged in a mirror image of the reference that fits better, and its volume Dice."""
         return mirrored(self.surface, self.read.reference, self.comparison.volume_dice, center=self.read.center)
 
     @cached_property
