@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import VICRegistrationLib
+from VICRegistrationLib import transactions
 from VICRegistrationLib.files import replacing_folder
 from VICRegistrationLib.transactions import DRAFTS, commit, one_at_a_time, recover, roll_back, work_folder
 
@@ -164,6 +165,28 @@ def test_a_new_folder_is_there_with_everything_or_not_at_all(tmp_path):
     assert done[1] == {"a": "new", "sub/b": "new"}
     assert len(killed) > 10
     assert all(first in ({}, done[1]) for _, first, _ in killed)
+
+
+def test_what_a_journal_needs_is_on_the_disk_before_it_and_that_before_the_first_file_is_moved(old, monkeypatch):
+    """When the power fails, what is not on the disk is lost: a kill of the process does not show that."""
+    done, replace = [], os.replace
+
+    def recording(source, target):
+        done.append(f"{Path(target).name} moved")
+        replace(source, target)
+
+    monkeypatch.setattr(transactions, "to_disk", lambda path: done.append(path.name))
+    monkeypatch.setattr(os, "replace", recording)
+    with work_folder(old) as work:
+        for name in ("a", "c"):
+            (work / DRAFTS / name).write_text("new")
+        commit(work, outdated=["gone"])
+    journal = done.index("journal.json moved")
+    # The drafts, and under a second name the old files.
+    assert {"a", "c", "gone", "backups", "journal.json.draft"} <= set(done[:journal])
+    assert done[journal + 1] == work.name
+    assert done[journal + 2 : journal + 4] == ["a moved", "c moved"]
+    assert old.name in done[journal + 4 :]
 
 
 def test_files_that_are_replaced_never_lack(old, monkeypatch):
