@@ -7,9 +7,10 @@ import pytest
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.segmentation.limits import Limits
-from VICRegistrationLib.segmentation.ray_edges import find_edges
+from VICRegistrationLib.segmentation.ray_edges import Edges, find_edges
 from VICRegistrationLib.segmentation.ray_origins import edges_around
 from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.sphere import sphere
 from VICRegistrationLib.segmentation.threshold import threshold_between
 
 RADIUS, WALL_MM = 22.0, 4.0
@@ -45,6 +46,52 @@ def test_one_threshold_for_all_cannot_do_that(fading):
     # 65 is the blur of the wall where the organ is bright, and organ where it is dim.
     assert low > 65.0
     assert (bool(left[0, 0, 0]), bool(right[0, 0, 0])) == (False, True)
+
+
+def edges_at(halves):
+    """Edges all around a seed at a radius of 20 mm, half way between whose levels lie these, (n,); 200 inside."""
+    directions = sphere().directions
+    assert len(halves) == len(directions)
+    outer = 2.0 * np.asarray(halves, dtype=float) - 200.0
+    shape = (1, len(directions))
+    return Edges(
+        distances=np.full(shape, 20.0),
+        found=np.ones(shape, dtype=bool),
+        points=20.0 * directions[None],
+        inner=np.full(shape, 200.0),
+        outer=outer[None],
+        levels=np.array([200.0]),
+        middle=200.0,
+        spread=2.0,
+        directions=directions,
+        axes=np.eye(3),
+    )
+
+
+def lowest_held(limits, place):
+    """Lowest whole grey level within limits at a place, RAS mm in the grid of the fixture."""
+    levels = np.arange(-400.0, 200.0)
+    voxel = np.rint(np.array(place)[::-1] + 32.0).astype(int)
+    return levels[[bool(limits.holds(voxel, np.full((1, 1, 1), level))[0, 0, 0]) for level in levels]].min()
+
+
+def test_edges_between_parts_of_an_organ_count_less_than_the_wall_behind_them(fading):
+    # Every third edge is the wall; the others are half as deep, between bright and dim parts.
+    halves = np.where(np.arange(len(sphere().directions)) % 3 == 0, 60.0, 120.0)
+    limits = Limits.along(edges_at(halves), fading[0])
+    assert limits.low == 120.0
+    # Measured: 42 at an edge, where a tenth of the typical limit counts, and nearly that far from all edges.
+    assert lowest_held(limits, [20.0, 0.0, 0.0]) < 60.0
+    assert lowest_held(limits, [31.0, 31.0, 31.0]) > 105.0
+
+
+def test_a_few_rays_that_have_left_the_organ_do_not_lower_its_limit(fading):
+    directions = sphere().directions
+    halves = np.where(directions[:, 0] > 0.0, 110.0, 90.0)
+    halves[directions[:, 0] > 0.93] = -300.0
+    assert 0.0 < np.mean(halves < 0.0) < 0.05
+    # As low as 90, and by no ray of theirs lower.
+    assert lowest_held(Limits.along(edges_at(halves), fading[0]), [20.0, 0.0, 0.0]) > 90.0
 
 
 def test_limits_that_are_the_same_everywhere():
