@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from small_phantom import CENTER
 from stack_phantom import GRID, MOTION, dented, motion_about, stack_of
 
-from VICRegistrationLib.registration.alignment import judged, surroundings
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.registration.alignment import SAMPLES, Alignment, judged, surroundings
 from VICRegistrationLib.registration.joint_stacks import trust_of
 from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.relative_motions import relative_motions
@@ -45,6 +48,31 @@ def off(found, motion, surface):
     """Mean distance between where two motions take a surface, mm."""
     points = surface.control_net.reshape(-1, 3)
     return np.linalg.norm(points @ (found - motion)[:3, :3].T + (found - motion)[:3, 3], axis=1).mean()
+
+
+def made(motion, offsets):
+    """What a stack would show of edges at these offsets, all of them sharp."""
+    ones = np.ones(len(offsets))
+    view = SimpleNamespace(voxel=np.eye(3), tau=3.0)
+    return Alignment(motion, view, 1.0, 1.0, 1.0, 0.0, offsets=offsets, weights=ones, blur=ones)
+
+
+def test_a_step_is_taken_before_the_motion_so_far(truth):
+    turned, step = motion_about(CENTER, (0.0, 0.0, 0.0), (0.0, 0.0, 90.0)), np.eye(4)
+    step[:3, 3] = (0.3, 0.0, -0.1)
+    offsets = truth.normals(*truth.midpoints(*SAMPLES)) @ step[:3, 3]
+    found = relative_motions(truth, [made(np.eye(4), 0.0 * offsets), made(turned, offsets)], [1.0, 1.0])
+    assert off(found.motions[0], turned @ step, truth) < 0.02
+    assert found.moved == pytest.approx(np.linalg.norm(step[:3, 3]), abs=0.02)
+
+
+def test_a_turn_that_no_edge_shows_is_none():
+    ball = closed_organ((17, 13), axes=20.0 * np.eye(3), center=CENTER)
+    nothing = np.zeros(np.prod(SAMPLES))
+    turned = motion_about(CENTER, (0.0, 0.0, 0.0), (3.0, 4.0, 0.0))
+    found = relative_motions(ball, [made(np.eye(4), nothing), made(turned, nothing)], [1.0, 1.0])
+    assert rotation_degrees(turned) > 4.0
+    assert rotation_degrees(found.motions[0]) < 0.5
 
 
 def test_a_surface_that_lies_at_the_edge_of_the_further_stack_does_not_hold_its_motion(sagittal, truth):
