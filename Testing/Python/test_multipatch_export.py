@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_model import COLUMNS, ROWS, egg_with_band
@@ -95,6 +97,21 @@ def test_triangles_of_neighbours_meet(model):
     assert enclosed_volume(mesh.points, egg) == pytest.approx(exact, rel=0.02)
     finer = model_triangles(model, chord_error=0.01)
     assert len(finer.triangles) > 2 * len(mesh.triangles)
+
+
+def test_patches_that_run_along_a_border_in_opposite_ways_meet_in_the_same_vertices(model):
+    def turned(patch):
+        knots = tuple(part[0] + part[-1] - part[::-1] for part in patch.knots)
+        return replace(patch, knots=knots, indices=patch.indices[::-1, ::-1])
+
+    other = replace(model, patches=tuple(turned(p) if p.part == "band" else p for p in model.patches))
+    meshes = [model_triangles(each) for each in (model, other)]
+    assert len(meshes[0].points) == len(meshes[1].points)
+    areas = []
+    for mesh in meshes:
+        a, b, c = np.moveaxis(mesh.points[mesh.triangles[mesh.of(model.patches_of("band"))]], 1, 0)
+        areas.append(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    assert areas[1] == pytest.approx(areas[0], rel=1e-3)
 
 
 def test_a_vtp_file_knows_the_patch_and_the_part_of_every_triangle(model, tmp_path):
