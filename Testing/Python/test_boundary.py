@@ -13,7 +13,11 @@ from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.models import bell, closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.meshing.sizes import curvatures
-from VICRegistrationLib.registration.boundary_points import boundary_deviations, checked_boundary_points
+from VICRegistrationLib.registration.boundary_points import (
+    LARGEST_LEFT_MM,
+    boundary_deviations,
+    checked_boundary_points,
+)
 from VICRegistrationLib.registration.nets import closure_of, net_of, refined
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_organ, fit_region
@@ -141,6 +145,24 @@ def test_between_points_that_contradict_each_other_it_goes_through_the_middle(im
     _, heights = moved(fit.surface, found.surface)
     assert heights.max() == pytest.approx(2.0, abs=0.2)
     assert heights.min() > -0.3
+    assert found.problems == ()
+
+
+def test_a_step_of_the_wall_is_met_on_both_sides(image, fit):
+    # 2.1 mm apart, and 8 mm in height: steeper than 3 to 1, but on normals of their own.
+    points = off(fit.surface, [(0.25, 0.485), (0.25, 0.515)], [4.0, -4.0])
+    found = corrected(image, fit, points)
+    # Measured: 0.23 mm; 4 mm where they are replaced by their mean.
+    assert np.abs(boundary_deviations(found.surface, points)).max() < LARGEST_LEFT_MM
+    assert found.problems == ()
+
+
+def test_points_that_a_net_cannot_follow_are_met_by_a_finer_one(image, fit):
+    points = off(fit.surface, [(0.25, v) for v in (0.45, 0.48, 0.51, 0.54)], [4.0, -4.0, 4.0, -4.0])
+    found = corrected(image, fit, points)
+    # Measured: 0.02 mm; 1.6 mm with the net for one point.
+    assert np.abs(boundary_deviations(found.surface, points)).max() < 0.1
+    assert min(found.options.net) > min(corrected(image, fit, points[:1]).options.net)
     assert found.problems == ()
 
 

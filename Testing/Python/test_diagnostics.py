@@ -9,6 +9,7 @@ from small_phantom import CENTER
 
 import VICRegistrationLib as vic
 from VICRegistrationLib.messages import Diagnostic
+from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.diagnostics import border_sides, fit_diagnostics
 from VICRegistrationLib.registration.verdict import verdict_of
 
@@ -45,6 +46,17 @@ def test_a_boundary_point_where_the_image_shows_no_edge_is_told(small_image, sma
     assert verdict_of(found, told).word == "check"
     found = vic.refit(small_image, small_fit.surface, small_fit.options, boundary_points=points[:1])
     assert fit_diagnostics(small_image, found) == []
+
+
+def test_boundary_points_that_contradict_each_other_are_told_with_the_distance_left(small_image, small_fit):
+    # Both in front of the organ, on one normal: one on the wall, one 4 mm outside of it.
+    points = CENTER + np.array([[0.0, 18.0, 0.0], [0.0, 22.0, 0.0]])
+    found = vic.refit(small_image, small_fit.surface, small_fit.options, boundary_points=points)
+    (told,) = [diagnostic for diagnostic in fit_diagnostics(small_image, found) if diagnostic.code == "points_left"]
+    left = np.abs(boundary_deviations(found.surface, points)).max()
+    assert told == Diagnostic("points_left", {"count": 2, "points": 2, "left_mm": left})
+    assert 1.5 < left < 2.5
+    assert verdict_of(found, [told]).word == "check"
 
 
 def test_the_stage_that_did_not_converge_is_that_of_the_surface_that_is_kept(small_image, small_fit):

@@ -129,6 +129,10 @@ SENTENCES = {
         "The image shows no edge at {count} of {points} boundary points; the surface passes there for the points "
         "alone. Look at the contour there, and remove a point that is not on the wall of this organ."
     ),
+    "points_left": _(
+        "The surface stays up to {left_mm:.1f} mm from {count} of {points} boundary points: no smooth surface passes "
+        "them all. Look at the contour there, and remove points that contradict each other."
+    ),
     "volume_differs": _(
         "The surface holds {surface_ml:.1f} ml, but the separated region {region_ml:.1f} ml; look at the contour, and "
         "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."

@@ -9,6 +9,8 @@ from ..geometry.surface import BSplineSurface
 
 # Farther from the surface than any correction of it: the point is meant for another organ or lies in another frame.
 LARGEST_DISTANCE_MM = 30.0
+# A surface passes a boundary point of weight 1 to within this.
+LARGEST_LEFT_MM = 0.5
 # Farther from the origin than any patient lies; far beyond, squares overflow.
 _LARGEST_COORDINATE_MM = 1e6
 

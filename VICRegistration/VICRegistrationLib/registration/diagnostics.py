@@ -9,6 +9,7 @@ from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
 from ..imaging.region import Region
 from ..messages import Diagnostic
+from .boundary_points import LARGEST_LEFT_MM
 from .organ_fit import OrganFit
 
 # Mean squared difference between the image and an edge, over the squared contrast.
@@ -35,7 +36,7 @@ def fit_diagnostics(image: Image, fit: OrganFit) -> list[Diagnostic]:
     list of Diagnostic
         Empty if nothing is known to be wrong.
     """
-    shown = [*_without_edge(fit), *_points_without_edge(fit)]
+    shown = [*_without_edge(fit), *_points_without_edge(fit), *_points_left(fit)]
     return [*_invalid(fit), *_unconverged(fit), *_region(image, fit), *shown, *_unlike_region(fit), *_stacks(fit)]
 
 
@@ -137,6 +138,16 @@ def _points_without_edge(fit: OrganFit) -> list[Diagnostic]:
     followed = fit.confidence.follows_edge(closest_points(fit.surface, fit.boundary_points).parameters)
     count = points - int(np.count_nonzero(followed))
     return [Diagnostic("points_without_edge", {"count": count, "points": points})] if count else []
+
+
+def _points_left(fit: OrganFit) -> list[Diagnostic]:
+    """Boundary points that the surface does not pass, although their weight asks for it."""
+    if not len(fit.boundary_points):
+        return []
+    away = np.abs(closest_points(fit.surface, fit.boundary_points).distances)
+    count = int(np.count_nonzero(away * min(fit.options.boundary_weight, 1.0) > LARGEST_LEFT_MM))
+    values = {"count": count, "points": len(away), "left_mm": float(away.max())}
+    return [Diagnostic("points_left", values)] if count else []
 
 
 def _unlike_region(fit: OrganFit) -> list[Diagnostic]:
