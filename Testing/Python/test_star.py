@@ -12,7 +12,7 @@ from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.segmentation.edge_support import agreement, area_without_edge, edge_support
 from VICRegistrationLib.segmentation.separation import separate
-from VICRegistrationLib.segmentation.sphere import cheapest_radii, sphere
+from VICRegistrationLib.segmentation.sphere import cheapest_radii, smoothed, sphere
 from VICRegistrationLib.segmentation.star_region import shaped_region, star_region
 from VICRegistrationLib.segmentation.star_surface import find_star
 
@@ -117,6 +117,29 @@ def test_between_two_levels_the_radii_rise_evenly_as_the_squares_of_their_slopes
     least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
     assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, rel=1e-3)
     assert np.corrcoef(ahead, radii)[0, 1] > 0.97
+
+
+def test_slopes_are_counted_from_those_of_a_shape():
+    ball, rng = sphere(2), np.random.default_rng(0)
+    rays, samples = len(ball.directions), np.arange(40)
+    shape, costs = rng.integers(0, 9, rays), rng.normal(0.0, 0.4, (rays, 30))
+    moved = samples - shape[:, None]
+    deeper = np.where((moved >= 0) & (moved < 30), costs[np.arange(rays)[:, None], moved.clip(0, 29)], 100.0)
+    slopes = {"stiffness": 0.3, "slopes": 0.5 / ball.angles}
+    from_shape = cheapest_radii(ball, costs=deeper, shape=shape, most=20, **slopes)
+    np.testing.assert_array_equal(from_shape - shape, cheapest_radii(ball, costs=costs, most=20, **slopes))
+
+
+def test_smoothed_values_are_harmonics_up_to_the_degree():
+    directions, others = sphere(3).directions, sphere(2).directions
+    x, y, z = directions.T
+    np.testing.assert_allclose(
+        smoothed(directions, 3.0 + x * y - z**3 + x**2 * z**2, others, degree=4),
+        3.0 + others[:, 0] * others[:, 1] - others[:, 2] ** 3 + others[:, 0] ** 2 * others[:, 2] ** 2,
+        atol=1e-9,
+    )
+    # A single ray hardly counts.
+    assert np.abs(smoothed(directions, np.eye(len(directions))[7], directions, degree=4)).max() < 0.2
 
 
 def test_a_side_without_any_edge_gets_the_radius_of_the_others():
@@ -313,6 +336,8 @@ def test_where_the_volume_cuts_an_organ_its_shape_goes_on_to_the_volumes_end(cut
     image, truth, seed = cut_ball
     region, star = shaped_region(image, seed)
     assert star.cut.any()
+    # The half ball's own centre of mass, not that of the whole ball.
+    assert star.center[2] + HALF == pytest.approx(3.0 / 8.0 * RADIUS, abs=1.0)
     assert dice(region, truth) > 0.97
 
 

@@ -15,7 +15,10 @@ from VICRegistrationLib.segmentation import growing, ray_edges, separation, star
 CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((ray_edges, name) for name in ("_STEP_SHARE", "_STEP_NOISE", "_DEPTH_MM", "_WINDOW_MM", "_SURROUNDINGS_MM")),
     *((star_surface, name) for name in ("STEP_SHARE", "_SLOW", "_NOISE", "_CROSSED", "_RISEN", "_STIFFNESS", "_END")),
-    *((star_surface, name) for name in ("_SHADING", "_SLIGHT", "_STEP_MM", "_BLUR_MM", "_VOXEL_SAMPLES", "AN_EDGE")),
+    *(
+        (star_surface, name)
+        for name in ("_SHADING", "_SLIGHT", "_STIFFER", "_STEP_MM", "_BLUR_MM", "_VOXEL_SAMPLES", "AN_EDGE")
+    ),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
     *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_NOISE")),
     *((growing, name) for name in ("_MOST_TIMES_SEEN", "FRAGMENT")),

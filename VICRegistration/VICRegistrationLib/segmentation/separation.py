@@ -21,9 +21,9 @@ from .star_surface import Star
 
 # Below this Dice coefficient, two regions are not the same organ: one has leaked, is a fragment, or is bent.
 _SAME_ORGAN = 0.85
-# The shape is taken where it has less boundary without an edge by this area, for a volume of 1. In 91 bladders, most of
-# them changed, 0 to 0.09 chose equally well; with 0.12 and more the worse region was taken more often.
-_LESS_WITHOUT_EDGE = 0.08
+# The shape is taken where it has less boundary without an edge by this area, for a volume of 1. In 107 bladders, most
+# of them changed, the mean Dice coefficient of what is taken is within 0.001 of its best from 0.06 to 0.2.
+_LESS_WITHOUT_EDGE = 0.12
 # A boundary with less of an edge is none.
 _LEAST_SUPPORT = 0.5
 # Nor is one found in surroundings whose contrast is less than so many standard deviations of the noise: noise alone has

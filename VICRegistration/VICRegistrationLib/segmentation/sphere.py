@@ -1,4 +1,4 @@
-"""Directions on a sphere, their neighbours, and the cheapest radius along each of them."""
+"""Directions on a sphere, their neighbours, smooth shapes over them, and the cheapest radius along each of them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,33 @@ def sphere(longest: int = 3) -> Sphere:
     return Sphere(directions, first, second, back, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
-def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiffness: float, most: int) -> np.ndarray:
+def smoothed(directions: np.ndarray, values: np.ndarray, others: np.ndarray, *, degree: int) -> np.ndarray:
+    """Smooth values over a sphere: fit spherical harmonics up to a degree, by least squares.
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, 3)
+        Unit vectors.
+    values : ndarray, shape (n,)
+    others : ndarray, shape (m, 3)
+        Unit vectors.
+    degree : int
+        At least 1.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Values at the other directions.
+    """
+    # On a sphere, monomials of the last two degrees span the same as all harmonics up to the last.
+    powers = [p for p in itertools.product(range(degree + 1), repeat=3) if sum(p) in (degree - 1, degree)]
+    at, there = (np.prod(places[:, None] ** np.array(powers), axis=2) for places in (directions, others))
+    return there @ np.linalg.lstsq(at, values, rcond=None)[0]
+
+
+def cheapest_radii(
+    ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiffness: float, most: int, shape: np.ndarray | None = None
+) -> np.ndarray:
     """Choose a radius along each direction so that all together cost least.
 
     Parameters
@@ -87,6 +113,9 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
         Cost of a slope of 45 degrees between two neighbours. Slopes cost their square.
     most : int
         Neighbours differ by at most so many radii.
+    shape : ndarray, shape (n,), optional
+        Samples along each direction where a surface of this shape lies, not rounded: slopes are counted from its own.
+        By default it is the same along all.
 
     Returns
     -------
@@ -112,7 +141,9 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
     # Of the pairs, a spanning tree holds this share.
     share = np.float32(2.0 * (len(costs) - 1) / count)
     gather = sparse.csr_matrix((np.full(count, share), (ball.second, np.arange(count))), shape=(len(costs), count))
-    prices = (stiffness / share * (np.arange(1, most + 1) * slopes[:, None]) ** 2).astype(np.float32)
+    rises = np.arange(-most, most + 1)
+    own = np.zeros(count) if shape is None else np.clip(shape[ball.second] - shape[ball.first], -most, most)
+    prices = (stiffness / share * ((rises - own[:, None]) * slopes[:, None]) ** 2).astype(np.float32)
     messages, totals = np.zeros((count, costs.shape[1]), dtype=np.float32), costs
     for _ in range(_ROUNDS):
         cheapest = _passed_on(totals[ball.first] - messages[ball.back], prices)
@@ -125,9 +156,10 @@ def cheapest_radii(ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiff
 
 
 def _passed_on(sums: np.ndarray, prices: np.ndarray) -> np.ndarray:
-    """Least cost of the first of each pair, for each radius of the second."""
-    cheapest = sums.copy()
-    for shift, price in enumerate(prices.T, start=1):
-        for here, there in ((slice(shift, None), slice(None, -shift)), (slice(None, -shift), slice(shift, None))):
-            np.minimum(cheapest[:, here], sums[:, there] + price[:, None], out=cheapest[:, here])
+    """Least cost of the first of each pair, for each radius of the second: prices are those of all rises to it."""
+    most = prices.shape[1] // 2
+    cheapest = sums + prices[:, most, None]
+    for rise in range(1, most + 1):
+        np.minimum(cheapest[:, rise:], sums[:, :-rise] + prices[:, most + rise, None], out=cheapest[:, rise:])
+        np.minimum(cheapest[:, :-rise], sums[:, rise:] + prices[:, most - rise, None], out=cheapest[:, :-rise])
     return cheapest - cheapest.min(axis=1, keepdims=True)

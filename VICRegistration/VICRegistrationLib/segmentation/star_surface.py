@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .ray_edges import continued, contrast_of, noise_of
-from .sphere import cheapest_radii, sphere
+from .sphere import cheapest_radii, smoothed, sphere
 
 # Samples along a ray are so far apart, up to the longest.
 _STEP_MM, _LONGEST_MM = 0.75, 100.0
@@ -41,22 +41,26 @@ _SLIGHT = 0.06
 _SLOW, _NOISE = 0.06, 1.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
-# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. Slopes may weigh 0.04 to
-# 0.15; with 0.2 corners of one bladder are cut off (IM1383).
+# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. Slopes may weigh 0.055 to
+# 0.22 in seven bladders.
 _CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.11, 0.25
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays; and of a
 # radius that is not to be chosen.
 _MISSED, _BESIDE = 50.0, 1.0
-# The first look is from the place given, the others from the middle of what was seen: so many for an edge where the
-# level falls and for one where it rises, then more for the better one, until its middle moves by less than this, mm,
-# and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the wall.
-_FIRST_LOOKS, _SETTLED_MM, _LOOKS = 3, 1.0, 10
+# The first look is from the place given, the others from the middle of what was seen, until that moves by less than
+# this, mm, and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the
+# wall.
+_SETTLED_MM, _LOOKS = 1.0, 10
 # From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where
 # no ray is as long as this, the first looks are done once more without shorter radii. 8 to 25 mm do the same.
 _SMALL_MM = 15.0
 # A place this little outside of the surface is held.
 _HELD_MM = 2.0
-# A last look follows more directions, near the surface that was found: so many samples to either side.
+# The last two looks count slopes from those of a smooth shape: the logarithm of the lengths that were found, as
+# spherical harmonics up to this degree. Slopes weigh more then. In 8 hard bladders the mean Dice coefficient of the
+# region is 0.960, and 0.956 without; degrees of 2 and 6, and weights of 0.1 and 0.4, change single ones by up to 0.01.
+_DEGREE, _STIFFER = 4, 0.2
+# The last one follows more directions, near the surface that was found: so many samples to either side.
 _FINE, _NEAR = 5, 10
 # Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
 _DEPTH = 5
@@ -80,8 +84,8 @@ class Star:
         From the centre to the surface, mm.
     strengths : ndarray, shape (n,)
         How much of an edge the image shows there, from 0 to 1.
-    cut : ndarray of bool, shape (n,)
-        Where the volume ends before an edge.
+    ends : ndarray, shape (n,)
+        From the centre to where the volume ends, mm.
     inner, outer : ndarray, shape (n,)
         Grey levels before and behind the surface.
     contrast : float
@@ -96,7 +100,7 @@ class Star:
     directions: np.ndarray
     lengths: np.ndarray
     strengths: np.ndarray
-    cut: np.ndarray
+    ends: np.ndarray
     inner: np.ndarray
     outer: np.ndarray
     contrast: float
@@ -108,10 +112,16 @@ class Star:
         """Where the rays end, (n, 3) RAS mm."""
         return self.center + self.lengths[:, None] * self.directions
 
+    @property
+    def cut(self) -> np.ndarray:
+        """Where the volume ends before an edge, (n,) of bool."""
+        return self.lengths > self.ends
+
     @cached_property
     def middle(self) -> np.ndarray:
-        """Centre of mass, (3,) RAS mm: a cone's is three quarters of the way to its base."""
-        return self.center + 0.75 * (self.lengths**4 @ self.directions) / (self.lengths**3).sum()
+        """Centre of mass of what lies in the volume, (3,) RAS mm: a cone's is three quarters of the way to its base."""
+        lengths = np.minimum(self.lengths, self.ends)
+        return self.center + 0.75 * (lengths**4 @ self.directions) / (lengths**3).sum()
 
     @property
     def found(self) -> np.ndarray:
@@ -139,18 +149,18 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     -----
     Along each ray, a step of the grey level lowers the cost where it is sharp, and what the ray has crossed before
     raises it: sharp changes, and any rise (of an organ brighter than its wall; a fall of another). Whether the level
-    falls or rises at an organ's edge is what costs less. A last look at more directions follows details.
+    falls or rises at an organ's edge is what costs less. Two last looks, the second at more directions, compare the
+    surface with its own smooth shape: where no edge is seen, it goes on as that does.
     """
     seeds = np.atleast_2d(seeds)
     seed = seeds.mean(axis=0)
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
-    looks = [search.again(search.look(seed, falls=falls), _FIRST_LOOKS - 1) for falls in (True, False)]
-    if max(look.lengths.max() for look in looks) < _SMALL_MM:
+    found = [search.again(search.look(seed, falls=falls)) for falls in (True, False)]
+    if max(star.lengths.max() for star in found) < _SMALL_MM:
         larger = [search.look(seed, falls=falls, least=_SMALL_MM) for falls in (True, False)]
-        looks += [search.again(look, _FIRST_LOOKS - 1) for look in larger]
-    better = min(looks, key=lambda star: star.cost)
-    star = search.closely(search.again(better, _LOOKS - _FIRST_LOOKS))
+        found += [search.again(star) for star in larger]
+    star = search.closely(search.stiffer(min(found, key=lambda star: star.cost)))
     return replace(star, inner=star.inner + level, outer=star.outer + level)
 
 
@@ -198,13 +208,14 @@ class _Search:
         self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
-    def look(self, center: np.ndarray, *, falls: bool, least: float = 0.0) -> Star:
-        """Look once, from a place, at all radii from the least one on, mm."""
+    def look(self, center: np.ndarray, *, falls: bool, least: float = 0.0, shape: np.ndarray | None = None) -> Star:
+        """Look once, from a place, at all radii from the least one on, mm; slopes are those from a shape's, (n,) mm."""
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
         costs, strengths = rays.costs(falls, self.wall)
-        return rays.star(falls, _chosen(costs + _MISSED * (radii < least), radii), costs, strengths)
+        places = _chosen(costs + _MISSED * (radii < least), radii, shape)
+        return rays.star(falls, places, costs, strengths)
 
     def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
         """Look along rays."""
@@ -214,10 +225,10 @@ class _Search:
         widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
         return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
 
-    def again(self, star: Star, most: int) -> Star:
-        """Look again from the middle of what was seen until it moves no more, so often at most."""
+    def again(self, star: Star) -> Star:
+        """Look again from the middle of what was seen until it moves no more."""
         image = self.image
-        for _ in range(most):
+        for _ in range(_LOOKS - 1):
             center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
             if np.linalg.norm(center - star.center) < _SETTLED_MM:
                 break
@@ -234,6 +245,10 @@ class _Search:
         lengths = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
         return bool((distances <= lengths + _HELD_MM).all())
 
+    def stiffer(self, star: Star) -> Star:
+        """Look once more from the same place, for a surface that is as smooth as the shape of the one that was seen."""
+        return self.look(star.center, falls=star.falls, shape=_shape(star, star.directions))
+
     def closely(self, star: Star) -> Star:
         """Look at more directions, near a surface that was found."""
         ball = sphere(_FINE)
@@ -246,7 +261,9 @@ class _Search:
         costs, strengths = rays.costs(star.falls, self.wall)
         near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
         slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
-        places = near.start + cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFNESS, most=_MOST_APART)
+        shape = (_shape(star, directions) - lengths) / _STEP_MM
+        best = cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFER, most=_MOST_APART, shape=shape)
+        places = near.start + best
         return rays.star(star.falls, places, costs, strengths)
 
 
@@ -301,7 +318,7 @@ class _Rays:
             directions=self.directions,
             lengths=self.radii[rays, places],
             strengths=strengths[rays, places],
-            cut=~self.valid[rays, places],
+            ends=self.radii[rays, np.maximum(self.valid.sum(axis=1) - 1, 0)],
             inner=_means(levels, *_BEFORE, self.widths)[rays, places],
             outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
             contrast=self.contrast,
@@ -349,8 +366,13 @@ def _means(levels: np.ndarray, first: int, last: int, widths: np.ndarray) -> np.
     return (np.take_along_axis(sums, start + count, axis=1) - np.take_along_axis(sums, start, axis=1)) / count
 
 
-def _chosen(costs: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Sample of each ray on the surface of least cost."""
+def _shape(star: Star, directions: np.ndarray) -> np.ndarray:
+    """Lengths of a star's smooth shape along directions (n, 3), mm."""
+    return np.exp(smoothed(star.directions, np.log(star.lengths), directions, degree=_DEGREE))
+
+
+def _chosen(costs: np.ndarray, radii: np.ndarray, shape: np.ndarray | None) -> np.ndarray:
+    """Sample of each ray on the surface of least cost; slopes are those from a shape's, (n,) mm, if there is one."""
     count = int(np.log(_LONGEST_MM / _SHORTEST_MM) / np.log(_RATIO)) + 1
     coarse = _SHORTEST_MM * _RATIO ** np.arange(count)
     bins = np.searchsorted(coarse * np.sqrt(_RATIO), radii)
@@ -362,5 +384,7 @@ def _chosen(costs: np.ndarray, radii: np.ndarray) -> np.ndarray:
         places[:, number] = samples[costs[:, samples].argmin(axis=1)]
         lowest[:, number] = costs[:, samples].min(axis=1)
     slopes = np.log(_RATIO) / sphere().angles
-    best = cheapest_radii(sphere(), lowest, slopes, stiffness=_STIFFNESS, most=_MOST_APART)
+    stiffness = _STIFFNESS if shape is None else _STIFFER
+    samples = None if shape is None else np.log(shape) / np.log(_RATIO)
+    best = cheapest_radii(sphere(), lowest, slopes, stiffness=stiffness, most=_MOST_APART, shape=samples)
     return places[np.arange(len(costs)), best].astype(int)
