@@ -5,6 +5,7 @@ It needs no limits of grey levels, and looks again from its own middle, so that 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -41,9 +42,9 @@ _SLIGHT = 0.06
 _SLOW, _NOISE = 0.06, 1.0
 # Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
 # to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
-# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. Slopes may weigh 0.055 to
-# 0.22 in seven bladders.
-_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.11, 0.25
+# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. In seven bladders slopes may
+# weigh 0.055 to 0.22; with less than 0.12 a rectum in thick slices goes on through the anal canal.
+_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.13, 0.25
 # Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays; and of a
 # radius that is not to be chosen.
 _MISSED, _BESIDE = 50.0, 1.0
@@ -52,8 +53,11 @@ _MISSED, _BESIDE = 50.0, 1.0
 # wall.
 _SETTLED_MM, _LOOKS = 1.0, 10
 # From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where
-# no ray is as long as this, the first looks are done once more without shorter radii. 8 to 25 mm do the same.
+# no ray is as long as this, the looks are done once more without shorter radii, and the surface that costs less in the
+# end is taken: there the organ's costs less by far. 8 to 25 mm do the same.
 _SMALL_MM = 15.0
+# A surface of which no ray is longer is one of noise: its voxels are opened by a ball of half that radius.
+_TINY_MM = 4.0
 # A place this little outside of the surface is held.
 _HELD_MM = 2.0
 # The last two looks count slopes from those of a smooth shape: the logarithm of the lengths that were found, as
@@ -156,11 +160,12 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     seed = seeds.mean(axis=0)
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
-    found = [search.again(search.look(seed, falls=falls)) for falls in (True, False)]
-    if max(star.lengths.max() for star in found) < _SMALL_MM:
-        larger = [search.look(seed, falls=falls, least=_SMALL_MM) for falls in (True, False)]
-        found += [search.again(star) for star in larger]
-    star = search.closely(search.stiffer(min(found, key=lambda star: star.cost)))
+    found = []
+    for falls, least in itertools.product((True, False), (0.0, _SMALL_MM)):
+        if not least or found[-1].lengths.max() < least:
+            found.append(search.again(search.look(seed, falls=falls, least=least), least))
+    organs = [star for star in found if star.lengths.max() > _TINY_MM] or found
+    star = search.closely(search.stiffer(min(organs, key=lambda star: star.cost)))
     return replace(star, inner=star.inner + level, outer=star.outer + level)
 
 
@@ -225,14 +230,14 @@ class _Search:
         widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
         return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
 
-    def again(self, star: Star) -> Star:
-        """Look again from the middle of what was seen until it moves no more."""
+    def again(self, star: Star, least: float) -> Star:
+        """Look again from the middle of what was seen, at all radii from the least one on, until it moves no more."""
         image = self.image
         for _ in range(_LOOKS - 1):
             center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
             if np.linalg.norm(center - star.center) < _SETTLED_MM:
                 break
-            further = self.look(center, falls=star.falls)
+            further = self.look(center, falls=star.falls, least=least)
             if len(self.seeds) > 1 and self.holds(star) and not self.holds(further):
                 break
             star = further
