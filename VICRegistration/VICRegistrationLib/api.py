@@ -252,7 +252,7 @@ def fit_model(
     >>> image = vic.Image.from_array(100.0 * np.clip((17.0 - distance) / 2.0, 0.0, 1.0), np.diag([2, 2, 2, 1]))
     >>> fit = vic.fit_model(image, {"a": [[23, 23, 23]], "b": [[71, 23, 23]]}, model)
     >>> [f"{parent.volume() / 1000.0:.1f} ml" for parent in fit.model.parents.values()]
-    ['17.2 ml', '17.2 ml']
+    ['17.3 ml', '17.3 ml']
     >>> fit.predicted
     ()
     """
