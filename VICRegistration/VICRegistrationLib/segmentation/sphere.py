@@ -1,4 +1,4 @@
-"""Directions on a sphere, their neighbours, smooth shapes over them, and the cheapest radius along each of them."""
+"""Directions on a sphere and their neighbours, values over them, and the cheapest radius along each of them."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from scipy.spatial import cKDTree
 _ROUNDS, _SETTLED = 100, 1e-2
 # Share of the last message that is kept. With 0.2 to 0.5 the surfaces are the same; with 0.1 and less messages swing.
 _DAMPING = 0.3
+# Between directions a value is the weighted mean of those at so many.
+_NEAREST = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,27 @@ def sphere(longest: int = 3) -> Sphere:
     # Pairs come in order of the first, then of the second.
     back = np.lexsort((first, second))
     return Sphere(directions, first, second, back, np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+
+def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Interpolate values given for directions to other ones: weighted means of the nearest few.
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, 3)
+        Unit vectors.
+    values : ndarray, shape (n,)
+    others : ndarray, shape (m, 3)
+        Unit vectors.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+    """
+    gaps, near = cKDTree(directions).query(others, k=_NEAREST)
+    # Finite at a direction itself.
+    weights = 1.0 / (gaps**2 + 1e-4)
+    return np.einsum("nd,nd->n", values[near], weights) / weights.sum(axis=1)
 
 
 def smoothed(directions: np.ndarray, values: np.ndarray, others: np.ndarray, *, degree: int) -> np.ndarray:

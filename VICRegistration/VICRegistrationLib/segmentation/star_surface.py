@@ -5,18 +5,16 @@ It needs no limits of grey levels, and looks again from its own middle, so that 
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .ray_edges import continued, contrast_of, noise_of
-from .sphere import cheapest_radii, smoothed, sphere
+from .sphere import between, cheapest_radii, smoothed, sphere
 
 # Samples along a ray are so far apart, up to the longest.
 _STEP_MM, _LONGEST_MM = 0.75, 100.0
@@ -68,8 +66,6 @@ _DEGREE, _STIFFER = 4, 0.2
 _FINE, _NEAR = 5, 10
 # Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
 _DEPTH = 5
-# Between directions a value is the weighted mean of those at so many.
-_NEAREST = 4
 # What strengths of an edge mean: one is there.
 AN_EDGE = 0.46
 
@@ -161,33 +157,13 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
     found = []
-    for falls, least in itertools.product((True, False), (0.0, _SMALL_MM)):
-        if not least or found[-1].lengths.max() < least:
-            found.append(search.again(search.look(seed, falls=falls, least=least), least))
+    for falls in (True, False):
+        found.append(search.settled(seed, falls=falls))
+        if found[-1].lengths.max() < _SMALL_MM:
+            found.append(search.settled(seed, falls=falls, least=_SMALL_MM))
     organs = [star for star in found if star.lengths.max() > _TINY_MM] or found
     star = search.closely(search.stiffer(min(organs, key=lambda star: star.cost)))
     return replace(star, inner=star.inner + level, outer=star.outer + level)
-
-
-def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Interpolate values given for directions to other ones: weighted means of the nearest few.
-
-    Parameters
-    ----------
-    directions : ndarray, shape (n, 3)
-        Unit vectors.
-    values : ndarray, shape (n,)
-    others : ndarray, shape (m, 3)
-        Unit vectors.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-    """
-    gaps, near = cKDTree(directions).query(others, k=_NEAREST)
-    # Finite at a direction itself.
-    weights = 1.0 / (gaps**2 + 1e-4)
-    return np.einsum("nd,nd->n", values[near], weights) / weights.sum(axis=1)
 
 
 def blurred(image: Image) -> np.ndarray:
@@ -230,8 +206,9 @@ class _Search:
         widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
         return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
 
-    def again(self, star: Star, least: float) -> Star:
-        """Look again from the middle of what was seen, at all radii from the least one on, until it moves no more."""
+    def settled(self, seed: np.ndarray, *, falls: bool, least: float = 0.0) -> Star:
+        """Look from a place, and again from the middle of what was seen until it moves no more."""
+        star = self.look(seed, falls=falls, least=least)
         image = self.image
         for _ in range(_LOOKS - 1):
             center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
