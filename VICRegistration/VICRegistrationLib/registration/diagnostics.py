@@ -109,8 +109,8 @@ def _unconverged(fit: OrganFit) -> list[Diagnostic]:
     if fit.converged:
         return []
     last = next(step for step in reversed(fit.history) if step.stopped_by and not step.converged)
-    # A surface that is kept, such as that of the coarser net, is the end of an earlier stage.
-    last = next(step for step in fit.history if (step.stopped_by, step.cost) == (last.stopped_by, last.cost))
+    # Where the surface of a coarser net is kept, the stage that ended with it did not converge.
+    last = next(step for step in fit.history if step.surface is last.surface)
     values = {"iterations": last.iteration, "stage": last.stage}
     if last.stopped_by == "no better point":
         return [Diagnostic("no_further_step", values)]

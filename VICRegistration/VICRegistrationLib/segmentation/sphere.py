@@ -137,8 +137,8 @@ def cheapest_radii(
     most : int
         Neighbours differ by at most so many radii.
     shape : ndarray, shape (n,), optional
-        Samples along each direction where a surface of this shape lies, not rounded: slopes are counted from its own.
-        By default it is the same along all.
+        Where a smooth surface lies along each direction, in samples, not rounded. Slopes are counted from those of this
+        surface; by default it is a sphere.
 
     Returns
     -------
