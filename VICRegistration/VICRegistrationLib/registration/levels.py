@@ -10,14 +10,33 @@ from .options import FitOptions
 from .region_image import RegionImage
 from .virtual_image import INSIDE_PROBES, OUTSIDE_PROBES, PROBE_DEPTHS
 
-# Samples (u, v) of a surface beside which they are measured.
+# Number of normal lines in u and v along which grey levels are measured.
 _SAMPLES = (24, 16)
 
 
 def levels_of_region(target: RegionImage, sampler: Sampler, reach: float, options: FitOptions) -> tuple[float, float]:
-    """Find typical grey levels inside the region and just outside of it; given levels where the user gave them."""
+    """Return typical grey levels just inside and just outside of a region, or those that the user gave.
+
+    Parameters
+    ----------
+    target : RegionImage
+    sampler : Sampler
+        The image, in the organ's frame.
+    reach : float
+        Voxels within this distance from the boundary count, mm.
+    options : FitOptions
+
+    Returns
+    -------
+    inside, outside : float
+
+    Raises
+    ------
+    ValueError
+        If the image shows only one side of the boundary.
+    """
     distance = target.distance
-    k, j, i = np.nonzero(np.abs(distance.array) <= 4.0 * reach)
+    k, j, i = np.nonzero(np.abs(distance.array) <= reach)
     values, valid = sampler.values(distance.to_ras(np.column_stack([i, j, k])))
     away = distance.array[k, j, i]
     inside = values[valid & (away < 0.0)]
@@ -34,7 +53,7 @@ def levels_of_region(target: RegionImage, sampler: Sampler, reach: float, option
 
 
 def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tuple[float, float]:
-    """Find typical grey levels just inside and just outside of a surface.
+    """Measure typical grey levels just inside and just outside of a surface.
 
     Parameters
     ----------
@@ -47,7 +66,7 @@ def measured_levels(surface: BSplineSurface, sampler: Sampler, tau: float) -> tu
     Returns
     -------
     inside, outside : float
-        Equal where the image shows no difference.
+        Medians over the surface.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A row of the table of options: what an option of a fit is called, what it does, and which values it takes."""
+"""A row of the table of options: label, help text and allowed values of one option of a fit."""
 
 from __future__ import annotations
 
@@ -10,31 +10,32 @@ from numbers import Real
 
 @dataclass(frozen=True)
 class Option:
-    """What is to be known of an option: a word out of `choices`, or one or two numbers.
+    """Description of an option, whose value is a word out of `choices`, or one or two numbers.
 
     Parameters
     ----------
     label : str
-        What it is called in the panel and in sentences.
+        Its name in the panel and in messages.
     help : str
         What it does, without a full stop.
     automatic : str
-        What is taken where it is None; empty for an option that always has a value.
+        What None means; empty if None is not allowed.
     limits : (low, high)
-        The least and the largest number.
+        Smallest and largest number allowed.
     unit : str
     whole : bool
-        Whether only whole numbers are meant.
+        Whether only whole numbers are allowed.
     or_zero : bool
-        Whether zero is allowed below the least number; it means none.
+        Whether zero is allowed although it lies below the limits.
     pair : str
-        How two numbers are written, such as "LOW,HIGH"; empty for one.
+        How two numbers are written, such as "LOW,HIGH"; empty for one number.
     ascending : bool
-        Whether the second of two must not be less than the first.
+        Whether the second of two numbers must not be less than the first.
     choices : mapping of str to str
-        The words, and what they are called in the panel.
+        The allowed words, with their labels in the panel.
     known : callable
-        Gives a mapping whose keys are words too, with those that are added to it; asked when a value is checked.
+        Returns a mapping whose keys are allowed words as well. It is called when a value is checked, so that words may
+        be added later.
     """
 
     label: str
@@ -50,7 +51,7 @@ class Option:
     known: Callable[[], Mapping[str, object]] = dict
 
     def checked(self, value: object) -> object:
-        """Check a value, and return it in its own type.
+        """Check a value, and convert it to the option's type.
 
         Parameters
         ----------
@@ -63,7 +64,7 @@ class Option:
         Raises
         ------
         ValueError
-            If it is no value of this option: the same sentence wherever it was given.
+            If the value is not allowed. The message is the same wherever the value was given.
         """
         if value is None and self.automatic:
             return None
@@ -73,12 +74,12 @@ class Option:
             raise ValueError(self.refusal(repr(value) if isinstance(value, str) else str(value))) from None
 
     def read(self, written: object) -> object:
-        """Read a value as it is written on the command line or in a configuration, and check it.
+        """Read and check a value from the command line or from a configuration file.
 
         Parameters
         ----------
         written : object
-            A text, or what JSON makes of a value.
+            A text, or a value read from JSON.
 
         Returns
         -------
@@ -104,11 +105,11 @@ class Option:
             raise ValueError(self.refusal(written)) from None
 
     def refusal(self, given: str) -> str:
-        """Say that a value, in the words given, is none of this option."""
+        """Return the message that a value, given as text, is not allowed."""
         return f"The {self.label} is {given}; it must be {self.needed}."
 
     def nearest(self, value: float | tuple[float, float]) -> float | tuple[float, float]:
-        """Return the number within the limits that is nearest to one that is not zero, or both of two."""
+        """Clip a number, or both numbers of a pair, to the limits."""
         if self.pair:
             return tuple(replace(self, pair="").nearest(number) for number in value)
         nearest = min(max(value, self.limits[0]), self.limits[1])
@@ -121,7 +122,7 @@ class Option:
 
     @property
     def needed(self) -> str:
-        """What a value must be, in words that go on a sentence."""
+        """Allowed values in words, to follow "it must be"."""
         if self.choices:
             return f"one of {', '.join({**self.choices, **self.known()})}"
         kind = "whole number" if self.whole else "number"
@@ -133,11 +134,11 @@ class Option:
 
     @property
     def _separator(self) -> str:
-        """What is between the two numbers of a pair."""
+        """Character between the two numbers of a pair."""
         return "x" if "x" in self.pair else ","
 
     def _converted(self, value: object) -> object:
-        """Return a value in its own type; an error if it is none."""
+        """Return a value in the option's type, or raise an error if it is not allowed."""
         if self.choices:
             if value not in self.choices and value not in self.known():
                 raise ValueError
@@ -150,7 +151,7 @@ class Option:
         return first, second
 
     def _number(self, value: object) -> float:
-        """Return a number within the limits; an error if it is none."""
+        """Return a number, or raise an error if it is not allowed."""
         number = int(value) if self.whole else float(value)
         within = self.limits[0] <= number <= self.limits[1] or (self.or_zero and number == 0.0)
         if isinstance(value, bool) or not isinstance(value, Real) or number != value or not within:

@@ -12,18 +12,19 @@ from dataclasses import dataclass, field, fields
 from ..messages import marked as _
 from .option_row import Option
 
-# The paper: a ramp of 2 to 3 pixels suits the MRI used. To start with, and the least and the most that are chosen.
+# Width of the profile's ramp in pixels: before the edge is measured, and the limits for the measured width. The paper
+# takes 2 to 3 pixels for its MRI.
 TAU_PIXELS, LEAST_TAU_PIXELS, MOST_TAU_PIXELS = 2.5, 2.0, 3.0
 MAX_ITERATIONS = {"gauss-newton": 50, "gradient-descent": 300}
-# Finer than this no net is made, in rows and in columns: a correction of a few places does not need it.
+# Largest number of rows and of columns of a control net.
 LARGEST_NET = 65
-# Grey levels of images are smaller; Slicer's fields for larger ones would be wider than the panel.
+# Wide enough for images, and narrow enough for the fields of Slicer's panel.
 _GREY_LEVELS = (-1e6, 1e6)
 
 # Tooltips of the panel.
 WITH_DEFAULT = _("{help}. Default: {default}.")
 LEFT_TO_THE_FIT = _("Leave it to the fit (default): {default}. Untick it to choose yourself.")
-IN_POWERS_OF_TEN = _("It is shown as a power of ten; the left end means 0.")
+IN_POWERS_OF_TEN = _("Shown as a power of ten; the left end means 0.")
 
 
 def _row(default: object, label: str, help: str, automatic: str = "", **values: object):
@@ -31,7 +32,7 @@ def _row(default: object, label: str, help: str, automatic: str = "", **values: 
 
 
 def _generic_models():
-    """Give the table of generic models; it is imported late, for Slicer reads this file at its start."""
+    """Return the table of generic models; imported late, because Slicer loads this file when it starts."""
     from ..geometry.models import GENERIC_MODELS
 
     return GENERIC_MODELS
@@ -41,13 +42,18 @@ def _generic_models():
 class FitOptions:
     """Options for fitting an organ; the defaults need no tuning.
 
-    Each option is one row: its default, what it is called, what it does, what is taken where it is None, and the values
-    that it takes. `OPTIONS` holds the rows by the options' names.
+    Each option is one row: its default, label, help text, the meaning of None, and the allowed values. `OPTIONS` holds
+    the rows by the options' names.
 
     Raises
     ------
     ValueError
-        If an option has a value that it does not take, or the profile level and the grey levels do not go together.
+        If a value is not allowed, or if grey levels are given without ``levels="given"`` or the other way round.
+
+    Notes
+    -----
+    In the paper's counting of a control net, the last row is the first one again, and the first and the last column are
+    the poles.
 
     References
     ----------
@@ -69,11 +75,8 @@ class FitOptions:
     net: tuple[int, int] | None = _row(
         None,
         _("control net"),
-        _(
-            "Rows of control points around the organ and columns from pole to pole, in the paper's counting: the last "
-            "row is the first one again, the first and the last column are the poles"
-        ),
-        _("9x7, 17x11 or 33x19, the finest that lowers the cost by more than noise explains"),
+        _("Rows of control points around the organ and columns from pole to pole, in the paper's counting"),
+        _("9x7, 17x11 or 33x19: the finest that lowers the cost by more than noise explains"),
         limits=(5, LARGEST_NET),
         whole=True,
         pair="ROWSxCOLUMNS",
@@ -98,8 +101,8 @@ class FitOptions:
     threshold: tuple[float, float] | None = _row(
         None,
         _("threshold"),
-        _("Darkest and brightest grey level of the organ, the same everywhere"),
-        _("half-way to the surroundings, following the signal where it fades"),
+        _("Lowest and highest grey level of the organ, the same everywhere"),
+        _("half-way between organ and surroundings, varying over the image with the signal"),
         limits=_GREY_LEVELS,
         pair="LOW,HIGH",
         ascending=True,
@@ -107,40 +110,37 @@ class FitOptions:
     erosion: float | None = _row(
         None,
         _("erosion"),
-        _("How deep the region is eroded: bridges to other tissue of up to twice this width are cut"),
-        _("2 mm, more where the region leaks, less where the organ is too thin for that"),
+        _("Depth of erosion of the region; cuts bridges to other tissue of up to twice this width"),
+        _("2 mm, more if the region leaks, less if the organ is too thin"),
         limits=(0.0, 20.0),
         unit="mm",
     )
     dilation: float | None = _row(
         None,
         _("dilation"),
-        _("How far the region grows back to the organ's edge after the erosion, within the threshold"),
-        _("as far as the erosion"),
+        _("How far the eroded region grows back, within the threshold"),
+        _("the same as the erosion"),
         limits=(0.0, 20.0),
         unit="mm",
     )
     solver: str = _row(
         "gauss-newton",
         _("solver"),
-        _("How the cost is minimised: Gauss-Newton takes tens of iterations, the paper's gradient descent hundreds"),
+        _("How the cost is minimised: Gauss-Newton takes tens of iterations, gradient descent hundreds"),
         choices={"gauss-newton": _("Gauss-Newton"), "gradient-descent": _("Gradient descent (as published)")},
     )
     tau: float | None = _row(
         None,
         _("edge width (tau)"),
-        _(
-            "Width of the ramp of the intensity profile from the organ's grey level to its surroundings'; wider "
-            "catches an edge from farther away, narrower places it more exactly"
-        ),
-        _("as wide as the edge in the image, within 2 to 3 pixels"),
+        _("Width of the intensity profile's ramp; wider finds edges from farther away, narrower is more exact"),
+        _("the width of the edge in the image, limited to 2 to 3 pixels"),
         limits=(0.01, 20.0),
         unit="mm",
     )
     profile: str = _row(
         "centered",
         _("place on the edge"),
-        _("Where on the ramp of the intensity profile the surface lies"),
+        _("Where the surface lies on the ramp of the intensity profile"),
         choices={"centered": _("Half-way up the edge"), "paper": _("Inner foot of the edge (as published)")},
     )
     levels: str = _row(
@@ -156,35 +156,35 @@ class FitOptions:
     inside: float | None = _row(
         None,
         _("grey level inside"),
-        _("Grey level inside of the edge, where the profile level is given"),
-        _("found in the image"),
+        _("Grey level inside of the edge, if the profile level is given"),
+        _("measured in the image"),
         limits=_GREY_LEVELS,
     )
     outside: float | None = _row(
         None,
         _("grey level outside"),
-        _("Grey level outside of the edge, where the profile level is given"),
-        _("found in the image"),
+        _("Grey level outside of the edge, if the profile level is given"),
+        _("measured in the image"),
         limits=_GREY_LEVELS,
     )
     smoothness: float | None = _row(
         None,
         _("smoothness"),
-        _("Weight of the bending energy, without unit: ten times as much is ten times as stiff, 0 is none"),
-        _("chosen by noise and uneven tissue, and by the number of voxels in which they are seen"),
+        _("Weight of the bending energy, without unit; 0 is none"),
+        _("from the residuals and the number of voxels along the surface"),
         limits=(1e-8, 1.0),
         or_zero=True,
     )
     loss: str = _row(
         "squares",
         _("loss"),
-        _("How residuals count: by Huber's loss large ones, as at small clots beside the wall, count less"),
+        _("How residuals count; Huber's loss lowers the weight of large ones, as from small clots at the wall"),
         choices={"squares": _("By their squares (as published)"), "huber": _("Large ones less (Huber)")},
     )
     tolerance: float = _row(
         0.1,
         _("tolerance"),
-        _("The fit has come to rest when no control point moves by more than this in an iteration"),
+        _("The fit has converged when no control point moves by more than this in an iteration"),
         limits=(0.001, 5.0),
         unit="mm",
     )
@@ -200,7 +200,7 @@ class FitOptions:
     max_iterations: int | None = _row(
         None,
         _("iteration limit"),
-        _("Largest number of iterations of each stage of the fit"),
+        _("Largest number of iterations in each stage of the fit"),
         _("50 for Gauss-Newton, 300 for gradient descent"),
         limits=(1, 10000),
         whole=True,
@@ -208,15 +208,12 @@ class FitOptions:
     boundary_weight: float = _row(
         1.0,
         _("weight of points"),
-        _(
-            "How much boundary points count against the image, without unit: 0 leaves them out, and the larger it is, "
-            "the nearer the surface comes to them"
-        ),
+        _("Weight of boundary points against the image, without unit; 0 ignores them"),
         limits=(0.0, 10.0),
     )
 
     def __post_init__(self) -> None:
-        """Check what can be checked without an image."""
+        """Check the values."""
         for name, option in OPTIONS.items():
             object.__setattr__(self, name, option.checked(getattr(self, name)))
         if self.levels == "given" and (self.inside is None or self.outside is None):
@@ -230,7 +227,7 @@ class FitOptions:
             raise ValueError(msg)
 
     def filled_in(self, **values: object) -> FitOptions:
-        """Copy these options with values that a fit has found, which may lie beyond what a user may give.
+        """Copy these options with values that a fit has chosen; they may lie outside of the limits for users.
 
         Parameters
         ----------
@@ -248,7 +245,7 @@ class FitOptions:
 
     @classmethod
     def as_published(cls) -> FitOptions:
-        """Choices of the paper (Jiang et al., Strain 2019), where it makes one.
+        """Make the choices of the paper (Jiang et al., Strain 2019).
 
         Returns
         -------
@@ -268,8 +265,8 @@ class FitOptions:
 
         Notes
         -----
-        What the paper has nothing of stays: the stage on the separated region, coarse before fine, and the small
-        weights against sliding and against leaving the region.
+        Three things that the paper does not have remain: the stage on the separated region, the coarse stage before the
+        fine one, and the small weights against sliding and against leaving the region.
         """
         return cls(
             net=(9, 7),

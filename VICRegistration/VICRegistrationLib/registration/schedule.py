@@ -1,4 +1,4 @@
-"""The schedule of an organ's fit: the images it is compared with, and the stages that are run on them, far to near."""
+"""The schedule of an organ's fit: its images, and the stages that are run on them, from coarse to fine."""
 
 from __future__ import annotations
 
@@ -21,63 +21,64 @@ from .stack_view import View
 from .stages import Stage
 from .virtual_image import IntensityProfile, VirtualImage
 
-# Surroundings of the region that the model may start in, mm. Half and twice of it change the mean distances of the
-# demo's organs and of four real bladders by 0.014 mm at most: the grid of the region's distances changes with it.
+# Width of the surroundings of the region in its distance image, mm. Half and twice of it change the mean distances of
+# the demo's organs and of four real bladders by 0.014 mm at most, because the voxels of the distance image change.
 REGION_MARGIN_MM = 10.0
-# Weights against sliding within the surface and against leaving the separated region, where 1 is about the weight of a
-# sharp edge: tried 0.01 to 0.2 on phantoms and real bladders. More keeps the surface from its edge, less lets control
-# points drift and loses the surface where there is no edge. Without this anchor no first fit changes; of two bladders
-# that are fitted again from 1.6 mm beside one is off by 0.88 in place of 0.72 mm, one by 0.69 in place of 0.76 mm.
+# Weights against sliding within the surface and against leaving the separated region; 1 is about the weight of a sharp
+# edge. Tried 0.01 to 0.2 on phantoms and real bladders: larger weights keep the surface from its edge, smaller ones let
+# control points drift, and let the surface drift where there is no edge. Without ANCHOR no first fit changes. Of two
+# bladders that are fitted again after a displacement of 1.6 mm, the error of one becomes 0.88 in place of 0.72 mm, that
+# of the other 0.69 in place of 0.76 mm.
 SLIDING = 0.02
 ANCHOR = 0.05
-# The region is fitted as stiffly as its voxels are coarse beside the organ: the weight of the thin-plate energy where a
-# voxel is as large as the organ. Tried 0.08 to 0.5 on phantoms in slices of 4 mm and real bladders in slices of 1 mm:
-# less lets the terraces, more cuts the organ's corners.
+# Weight of the thin-plate energy on the region if a voxel were as large as the organ; it falls with the square of the
+# voxel's size relative to the organ. Tried 0.08 to 0.5 on phantoms in slices of 4 mm and real bladders in slices of
+# 1 mm: with less the terraces of the slices remain, with more the organ's corners are cut off.
 REGION_BENDING = 0.3
-# A stage that lowers its cost by less than this fraction in an iteration only slides: the last stage, and those on the
-# region, which the grey levels will correct anyway. Half and twice of both change these distances by 0.008 mm at most.
-# Twice of the first saves 11 % of the iterations, but one of three hippocampi loses its finer net by it.
+# A stage ends when an iteration lowers its cost by less than this fraction: on the grey levels, and on the region,
+# where the later stages on the grey levels correct the rest. Half and twice of both change these distances by 0.008 mm
+# at most. Twice of the first saves 11 % of the iterations, but one of three hippocampi then keeps a coarser net.
 COST_TOLERANCE = 3e-3
 REGION_COST_TOLERANCE = 2e-2
-# Largest displacement of a control point at which the surface has come to its boundary points, mm.
+# Tolerance of the stage that fits boundary points: largest displacement of a control point in an iteration, mm.
 BOUNDARY_TOLERANCE = 0.02
-# Smoothness before the noise is known. Half and twice of it change these distances by 0.002 mm at most.
+# Smoothness before the noise was measured. Half and twice of it change these distances by 0.002 mm at most.
 SMOOTHNESS_TO_START = 1e-5
-# Within how many pixels of a surface partial volumes of another one are taken, on the grey levels, coarse and fine.
-# Half and twice of the first change no mean distance of the demo and of three real bladders. The second has no plateau
-# upward: half of it changes none by more than 0.002 mm, but with twice the demo's rectum is off by 0.08 in place of
-# 0.06 mm, as the finest net is refused by partial volumes of the coarser one. With 0, nets follow noise: the surface
-# that is judged has then partial volumes of its own noise, and a smooth organ of poor contrast gets the finest net.
+# Partial volumes are computed again when the surface has moved by more than so many pixels, in the coarse and in the
+# fine stage. Half and twice of the first change no mean distance of the demo and of three real bladders. Half of the
+# second changes none by more than 0.002 mm; with twice of it the demo's rectum is off by 0.08 in place of 0.06 mm, as
+# the finest net is then judged with partial volumes of the coarser one, and refused. With 0 the surface that is judged
+# has partial volumes that follow its own noise, and a smooth organ of poor contrast gets the finest net.
 _NEAR_COARSE, _NEAR_FINE = 4.0, 0.125
-# How much wider than the edge the coarse stage's ramp is. If it is as wide, surfaces that begin 2.5 mm within the
-# demo's bladder and rectum end 0.7 and 0.9 mm off, in place of 0.04 and 0.07.
+# Width of the coarse stage's ramp, in widths of the edge. With 1, surfaces that begin 2.5 mm inside of the demo's
+# bladder and rectum end 0.7 and 0.9 mm off, in place of 0.04 and 0.07 mm.
 _COARSE_WIDENING = 1.5
-# Least width of an edge that is looked for, in voxels.
+# Smallest tau that is accepted, in voxels.
 _LEAST_TAU = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """What the stages of one organ are made of.
+    """Images and options from which the stages of one organ's fit are made.
 
     Parameters
     ----------
     sampler : Sampler
-        The grey levels around the organ, in the frame in which it is fitted.
+        The grey levels around the organ, in the frame of the fit.
     volumes : PartialVolumes
-        In its voxels.
+        Of surfaces in the voxels of that image.
     voxel : (3, 3) ndarray
         Columns are the edges of a voxel in that frame, mm.
     inside, outside : float
         Typical grey levels on both sides of the organ's boundary.
     options : FitOptions
-        With `tau`, `smoothness` and `max_iterations`; those that are not chosen yet are as to start with.
+        With `tau`, `smoothness` and `max_iterations` filled in; before they are chosen they have initial values.
     region : RegionImage, optional
-        The separated region; None for a surface that is there already.
+        The separated region; None if the fit starts from a given surface.
     anchor : float
-        Weight against leaving the surface that a stage on the grey levels begins with.
+        Weight against leaving the surface with which a stage on the grey levels begins.
     views : tuple of View
-        Further images of the organ.
+        Further stacks of the organ.
     """
 
     sampler: Sampler
@@ -92,7 +93,7 @@ class Schedule:
 
     @classmethod
     def of_region(cls, image: Image, region: Region, pose: Moments, options: FitOptions) -> Schedule:
-        """Plan the fit of a separated region, in the frame of its principal axes.
+        """Make the schedule for a separated region, in the frame of its principal axes.
 
         Parameters
         ----------
@@ -109,8 +110,8 @@ class Schedule:
         Raises
         ------
         ValueError
-            If the region does not lie on the image's grid, is thinner than the edge that is looked for or has no
-            surroundings, or the edge is sharper than any image.
+            If the region does not lie on the image's grid, is thinner than tau or has no surroundings, or if tau is
+            much smaller than a voxel.
         """
         _check_grid(image, region)
         pixel = float(min(image.spacing))
@@ -118,9 +119,9 @@ class Schedule:
         _check_thickness(pose, options.tau or TAU_PIXELS * pixel)
         local_to_ras = frame_of(pose)
         target = region_image(region, local_to_ras, margin=REGION_MARGIN_MM)
-        widest = options.tau or MOST_TAU_PIXELS * pixel
-        sampler = Sampler(_local_crop(image, region, local_to_ras, margin=4.0 * widest))
-        levels = levels_of_region(target, sampler, widest, options)
+        reach = 4.0 * (options.tau or MOST_TAU_PIXELS * pixel)
+        sampler = Sampler(_local_crop(image, region, local_to_ras, margin=reach))
+        levels = levels_of_region(target, sampler, reach, options)
         voxel = np.linalg.inv(local_to_ras[:3, :3]) @ image.ijk_to_ras[:3, :3]
         return cls(sampler, PartialVolumes(sampler.image), voxel, *levels, _as_to_start(options, pixel), target)
 
@@ -128,7 +129,7 @@ class Schedule:
     def around(
         cls, image: Image, surface: BSplineSurface, options: FitOptions, *, points: np.ndarray | None = None
     ) -> Schedule:
-        """Plan the fit of a surface that is there already.
+        """Make the schedule for a fit that starts from a given surface, in RAS mm.
 
         Parameters
         ----------
@@ -158,16 +159,16 @@ class Schedule:
         return cls(sampler, PartialVolumes(sampler.image), image.ijk_to_ras[:3, :3], *levels, options)
 
     def chosen(self, *, anchor: float | None = None, **options) -> Schedule:
-        """Take options, and perhaps an anchor, in place of those so far."""
+        """Copy with other options, and perhaps another anchor."""
         anchor = self.anchor if anchor is None else anchor
         return replace(self, options=self.options.filled_in(**options), anchor=anchor)
 
     def without_partial_volumes(self) -> Schedule:
-        """Leave out the partial volumes that were computed so far: they are computed again."""
+        """Copy without the partial volumes that were computed so far."""
         return replace(self, volumes=PartialVolumes(self.sampler.image))
 
     def closer(self, factor: float) -> Schedule:
-        """Hold the surface so many times closer to where a stage begins, and smoother."""
+        """Copy with smoothness and anchor multiplied by a factor."""
         return self.chosen(smoothness=factor * self.options.smoothness, anchor=factor * self.anchor)
 
     @property
@@ -176,7 +177,7 @@ class Schedule:
         return float(np.linalg.norm(self.voxel, axis=0).min())
 
     def voxels_along(self, surface: BSplineSurface) -> float:
-        """Count the voxels that lie in a band around a surface, as wide as its edge: what is seen there."""
+        """Count the voxels of all images in a band of width tau around a surface."""
         own = surface.area() * self.options.tau / abs(float(np.linalg.det(self.voxel)))
         return own + sum(view.voxels_along(surface) for view in self.views)
 
@@ -213,7 +214,7 @@ class Schedule:
 
     @property
     def _on_region(self) -> dict:
-        """What both stages on the region have in common."""
+        """Settings of both stages on the region."""
         extent = self.region.extent
         profile = IntensityProfile(-extent, extent, 2.0 * extent, ramp="linear")
         return {
@@ -233,9 +234,9 @@ class Schedule:
         ----------
         name : str
         widening, loosening : float
-            How much wider than the edge the ramp is, and how much looser than asked for the tolerances.
+            Factors for the width of the ramp and for the tolerances.
         near : float
-            Partial volumes of surfaces within so many pixels are taken.
+            Partial volumes are computed again when the surface has moved by more than so many pixels.
         """
         within = near * self.pixel
         options, (patience, patience_cost) = self.options, self._patience
@@ -262,22 +263,22 @@ class Schedule:
 
     @property
     def _patience(self) -> tuple[float, float]:
-        """Factors for the tolerances of displacement and cost; with 0 the cost does not stop a stage."""
+        """Factors for the tolerances of displacement and cost; 0 for the cost switches that rule off."""
         if self.options.stopping == "published":
             return 1.0, 0.0
-        # Gradient descent takes many small steps and may not stop at the first small one.
+        # Gradient descent takes many small steps, and must not stop at the first of them.
         return (1.0, 1.0) if self.options.solver == "gauss-newton" else (0.05, 0.05)
 
 
 def frame_of(pose: Moments) -> np.ndarray:
-    """Frame of an organ's principal axes about its centre, (4, 4) to RAS mm."""
+    """Return the matrix (4, 4) from the frame of an organ's principal axes about its centre to RAS mm."""
     local_to_ras = np.eye(4)
     local_to_ras[:3, :3], local_to_ras[:3, 3] = pose.axes.T, pose.center
     return local_to_ras
 
 
 def _as_to_start(options: FitOptions, pixel: float) -> FitOptions:
-    """Fill in what is not known before anything was seen; `pixel` is the finest voxel spacing, mm."""
+    """Fill in initial values of the automatic options; `pixel` is the finest voxel spacing, mm."""
     return options.filled_in(
         tau=options.tau or TAU_PIXELS * pixel,
         smoothness=SMOOTHNESS_TO_START if options.smoothness is None else options.smoothness,
@@ -289,7 +290,7 @@ def _as_to_start(options: FitOptions, pixel: float) -> FitOptions:
 
 
 def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margin: float) -> Image:
-    """Cut out the image around the region, in the organ's frame."""
+    """Crop the image around the region, `margin` in mm, and move it to the organ's frame."""
     reach = np.ceil(margin / image.spacing[::-1]).astype(int) + 1
     start = np.maximum(np.asarray(region.offset) - reach, 0)
     stop = np.minimum(np.asarray(region.offset) + region.mask.shape + reach, image.array.shape)
@@ -297,13 +298,13 @@ def _local_crop(image: Image, region: Region, local_to_ras: np.ndarray, *, margi
     return Image(crop.array, np.linalg.inv(local_to_ras) @ crop.ijk_to_ras)
 
 
-# ------------------------------------------------------------------ what cannot be fitted
+# ------------------------------------------------------------------ checks
 
 
 def _check_grid(image: Image, region: Region) -> None:
-    """Refuse a region that was cut from another image."""
+    """Raise an error if the region does not belong to the image."""
     first = image.to_ras(np.array([region.offset[::-1]], dtype=float))[0]
-    # A region may go on beyond the image, where further stacks show the organ.
+    # A region that was completed by further stacks may extend beyond the image.
     last = np.asarray(region.offset) + region.mask.shape
     fits = np.all(last > 0) and np.all(np.asarray(region.offset) < image.array.shape)
     same = np.allclose(first, region.ijk_to_ras[:3, 3], atol=1e-3) and np.allclose(
@@ -315,7 +316,7 @@ def _check_grid(image: Image, region: Region) -> None:
 
 
 def _check_tau(tau: float | None, pixel: float) -> None:
-    """Refuse an edge that is much sharper than any image."""
+    """Raise an error if tau is much smaller than a voxel."""
     if tau is not None and tau < _LEAST_TAU * pixel:
         msg = (
             f"A tau of {tau:g} mm was given, and voxels are {pixel:.3g} mm: no image shows an edge as sharp. Give two "
@@ -325,7 +326,7 @@ def _check_tau(tau: float | None, pixel: float) -> None:
 
 
 def _check_thickness(pose: Moments, tau: float) -> None:
-    """Refuse an organ thinner than the edge that is looked for."""
+    """Raise an error if the organ is thinner than tau on each side."""
     # Half of the shortest axis of the ellipsoid with the region's moments.
     half_thickness = np.sqrt(5.0) * float(pose.extents.min())
     if half_thickness < tau:
