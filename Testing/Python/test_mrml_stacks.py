@@ -134,6 +134,9 @@ def test_a_boundary_point_belongs_to_the_stack_in_whose_view_it_is_placed(logic,
     (deviation,) = logic.refit(organ)
     assert abs(deviation) < 0.5
     assert abs(closest_points(logic.surface(organ), np.array([CENTER + [18.0, 0.0, 0.0]])).distances[0]) < 1.0
+    # A copy of the stack shows the same wall.
+    organ.boundaryPoints.SetNthControlPointAssociatedNodeID(0, cloned(stacks["AX"]).GetID())
+    np.testing.assert_allclose(kept.wallPoints(organ, stacks["SAG"]), [CENTER + [18.0, 0.0, 0.0]], atol=CLOSE)
     # One that was placed where the volume itself is shown lies where it lies.
     organ.boundaryPoints.SetNthControlPointAssociatedNodeID(0, stacks["SAG"].GetID())
     np.testing.assert_allclose(kept.wallPoints(organ, stacks["SAG"]), [wall], atol=1e-6)
@@ -281,6 +284,34 @@ def test_every_view_shows_the_contour_at_the_position_of_its_stack(logic, stacks
     assert seen_in(fitted_alone.surface, red)
     logic.organs().remove(organ)
     assert slicer.util.getNodesByClass("vtkMRMLModelNode") == [fitted_alone.surface]
+
+
+def cloned(node):
+    """What "Clone" in Slicer's module Data makes of a node."""
+    hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+    item = hierarchy.GetItemByDataNode(node)
+    return hierarchy.GetItemDataNode(
+        slicer.vtkSlicerSubjectHierarchyModuleLogic.CloneSubjectHierarchyItem(hierarchy, item)
+    )
+
+
+def test_clones_of_stacks_show_their_contours_and_clones_of_contours_are_seen(logic, stacks, scene):
+    from VICRegistrationLib.mrml.stack_contours import chooseViews
+
+    red, composite = add_view(scene, "Red", stacks["AX"])
+    yellow, _ = add_view(scene, "Yellow", stacks["SAG"])
+    organ = fit(logic, stacks, stacks["AX"])
+    (contour,) = organ.contours()
+    copy = cloned(contour)
+    composite.SetBackgroundVolumeID(cloned(stacks["AX"]).GetID())
+    chooseViews()
+    assert [seen_in(node, red) for node in (organ.surface, contour, copy)] == [False, True, True]
+    assert [seen_in(node, yellow) for node in (organ.surface, contour, copy)] == [True, False, True]
+    composite.SetBackgroundVolumeID(cloned(stacks["SAG"]).GetID())
+    chooseViews()
+    assert [seen_in(node, red) for node in (organ.surface, contour)] == [True, False]
+    logic.organs().remove(organ)
+    assert slicer.util.getNodesByClass("vtkMRMLModelNode") == [copy]
 
 
 def test_contours_are_renamed_painted_hidden_and_removed_with_their_organ(logic, stacks, scene):

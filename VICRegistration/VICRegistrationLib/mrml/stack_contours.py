@@ -14,7 +14,7 @@ from .organ_nodes import putInFolder, removeNodes
 from .regions import TYPE_ATTRIBUTE
 from .stacks import stacksOf, toStack
 from .surfaces import createModel
-from .volumes import putUnderVolume
+from .volumes import VOLUME, putUnderVolume, viewsByVolume, withSameGrid
 
 _CONTOUR = "stack contour"
 # References of a contour.
@@ -68,18 +68,20 @@ def followStacks(organ):
 def chooseViews():
     """Show in each slice view the contours at the position of the stack that it shows, in place of the surface.
 
-    Where there is no other view in the scene, a surface cannot be restricted to others, and both are seen.
+    A view that shows a copy of a stack, with the same grid, counts as one that shows the stack. Where there is no other
+    view in the scene, a surface cannot be restricted to others, and both are seen.
     """
-    views = _viewsByVolume()
-    replaced = {}
+    views, bySurface, replaced = viewsByVolume(), {}, {}
     for contour in _contours():
-        surface, stack = contour.GetNodeReference(_SURFACE), contour.GetNodeReference(_STACK)
-        showing = views.get(stack, []) if surface is not None and stack is not None else []
-        display = contour.GetDisplayNode()
-        _setViews(display, showing)
-        if bool(display.GetVisibility2D()) != bool(showing):
-            display.SetVisibility2D(bool(showing))
-        if surface is not None:
+        bySurface.setdefault(contour.GetNodeReference(_SURFACE), []).append(contour)
+    for surface, contours in bySurface.items():
+        shown = _viewsByStack(surface, contours, views) if surface is not None else {}
+        for contour in contours:
+            showing = shown.get(contour.GetNodeReference(_STACK), [])
+            display = contour.GetDisplayNode()
+            _setViews(display, showing)
+            if bool(display.GetVisibility2D()) != bool(showing):
+                display.SetVisibility2D(bool(showing))
             replaced.setdefault(surface, []).extend(showing)
     for surface in slicer.util.getNodesByClass("vtkMRMLModelNode"):
         display, without = surface.GetDisplayNode(), replaced.get(surface, [])
@@ -112,22 +114,21 @@ def _moved(surfaceData, matrix):
 
 
 def _contours():
+    """Contours of the scene. A copy that Slicer has made of one refers to no surface: it is the user's own model."""
     found = []
     for node in slicer.util.getNodesByClass("vtkMRMLModelNode"):
-        if node.GetAttribute(TYPE_ATTRIBUTE) == _CONTOUR and node.GetDisplayNode() is not None:
+        isContour = node.GetAttribute(TYPE_ATTRIBUTE) == _CONTOUR and node.GetNodeReferenceID(_SURFACE) is not None
+        if isContour and node.GetDisplayNode() is not None:
             found.append(node)
     return found
 
 
-def _viewsByVolume():
-    """IDs of the slice views that show each volume in their background."""
-    ids = {node.GetLayoutName(): node.GetID() for node in slicer.util.getNodesByClass("vtkMRMLSliceNode")}
+def _viewsByStack(surface, contours, views):
+    """IDs of the slice views by which of them they show: the surface's own volume, or the stack of a contour."""
+    volumes = [surface.GetNodeReference(VOLUME), *(contour.GetNodeReference(_STACK) for contour in contours)]
     found = {}
-    for composite in slicer.util.getNodesByClass("vtkMRMLSliceCompositeNode"):
-        volumeId = composite.GetBackgroundVolumeID()
-        volume = slicer.mrmlScene.GetNodeByID(volumeId) if volumeId else None
-        if volume is not None and composite.GetLayoutName() in ids:
-            found.setdefault(volume, []).append(ids[composite.GetLayoutName()])
+    for volume, ids in views.items():
+        found.setdefault(withSameGrid(volume, [node for node in volumes if node is not None]), []).extend(ids)
     return found
 
 

@@ -16,7 +16,7 @@ from slicer.i18n import tr as _
 from ..messages import Diagnostic
 from .points import markedPoints, placedIn, placedPoints
 from .sentences import sentence
-from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints
+from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints, withSameGrid
 
 # Reference of the transform nodes that are made here to their volume.
 _MOVED = "VIC.moved"
@@ -219,7 +219,8 @@ def wallPoints(organ, volumeNode):
     """
     points, records = markedPoints(organ.boundaryPoints, volumeNode), stacksOf(organ)
     placed = zip(placedIn(organ.boundaryPoints), placedPoints(organ.boundaryPoints))
-    for row, (node, position) in enumerate(placed):
+    for row, (shown, position) in enumerate(placed):
+        node = withSameGrid(shown, [volumeNode, *records])
         if node in records and records[node].used:
             there = localPoints(node, position)
             back = np.linalg.inv(toStack(records[node], volumeNode, node))

@@ -104,6 +104,43 @@ def showInSlices(volumeNode):
     slicer.util.setSliceViewerLayers(background=volumeNode, fit=slicer.app.layoutManager() is not None)
 
 
+def viewsByVolume():
+    """List the slice views by the volume that each shows in its background.
+
+    Returns
+    -------
+    dict of vtkMRMLVolumeNode to list of str
+        IDs of slice nodes.
+    """
+    ids = {node.GetLayoutName(): node.GetID() for node in slicer.util.getNodesByClass("vtkMRMLSliceNode")}
+    found = {}
+    for composite in slicer.util.getNodesByClass("vtkMRMLSliceCompositeNode"):
+        volumeId = composite.GetBackgroundVolumeID()
+        volume = slicer.mrmlScene.GetNodeByID(volumeId) if volumeId else None
+        if volume is not None and composite.GetLayoutName() in ids:
+            found.setdefault(volume, []).append(ids[composite.GetLayoutName()])
+    return found
+
+
+def withSameGrid(volumeNode, others):
+    """Find the volume whose voxels lie in the same place as those of a volume.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLVolumeNode or None
+    others : sequence of vtkMRMLVolumeNode
+
+    Returns
+    -------
+    vtkMRMLVolumeNode or None
+        The volume itself if it is one of the others; else the first one with its grid below its parent transform,
+        such as the volume that it was cloned from or filtered from.
+    """
+    if volumeNode is None or volumeNode in others:
+        return volumeNode
+    return next((node for node in others if _sameGrid(node, volumeNode)), None)
+
+
 def localPoints(volumeNode, worldPoints):
     """Bring points from the world into a volume's local frame.
 
@@ -241,6 +278,15 @@ def transformedPoints(source, target, points):
     moved.SetDataTypeToDouble()
     _between(source, target).TransformPoints(given, moved)
     return vtk_to_numpy(moved.GetData()).reshape(-1, 3).copy()
+
+
+def _sameGrid(one, other):
+    return (
+        one.GetParentTransformNode() is other.GetParentTransformNode()
+        and None not in (one.GetImageData(), other.GetImageData())
+        and one.GetImageData().GetDimensions() == other.GetImageData().GetDimensions()
+        and np.allclose(gridOf(one), gridOf(other), rtol=0.0, atol=1e-6)
+    )
 
 
 def _between(source, target):
