@@ -94,6 +94,17 @@ class PanelTestCase(unittest.TestCase):
             self.assertEqual(self.organ.seeds.GetNumberOfDefinedControlPoints(), before + 1)
         self.waitForRegion()
 
+    def sliceComposite(self):
+        """What says which volume a slice view shows; made where there is no main window, with views for it."""
+        composite = slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLSliceCompositeNode")
+        if composite is None:
+            composite = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSliceCompositeNode")
+            composite.SetLayoutName("Red")
+            slicer.mrmlScene.AddNewNodeByClass("vtkMRMLViewNode")
+            slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSliceNode").SetLayoutName("Red")
+            slicer.app.processEvents()
+        return composite
+
     def isPlacing(self):
         """Whether clicks into views place points, whoever has asked for that."""
         interaction = slicer.app.applicationLogic().GetInteractionNode()

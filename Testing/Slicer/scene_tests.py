@@ -87,6 +87,21 @@ class SceneTest(PanelTestCase):
         self.add("bladder")
         self.assertEqual(self.ui.fitStatusLabel.text, "")
 
+    def test_theVolumeInTheSliceViewsIsChosenUntilThereIsAnOrgan(self):
+        composite = self.sliceComposite()
+        scout = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "localizer")
+        self.ui.volumeSelector.setCurrentNode(scout)
+        for _ in range(2):
+            # Slicer shows what it has loaded last.
+            volume = samples.addPhantomVolume()
+            composite.SetBackgroundVolumeID(volume.GetID())
+            waitFor(lambda volume=volume: self.ui.volumeSelector.currentNode() is volume)
+        self.add("bladder")
+        other = samples.addPhantomVolume()
+        composite.SetBackgroundVolumeID(other.GetID())
+        waitFor(lambda: self.ui.furtherStacksTable.rowCount == 3)
+        self.assertIs(self.ui.volumeSelector.currentNode(), volume)
+
     def test_noOtherVolumeIsChosenForOrgansWhileAnotherModuleIsShown(self):
         self.add("bladder")
         slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "other")

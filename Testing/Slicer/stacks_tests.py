@@ -143,13 +143,7 @@ class StacksTest(PanelTestCase):
     def test_everyViewShowsTheContourOfItsStack(self):
         self.check().click()
         organ = self.fitted("bladder")
-        composite = slicer.mrmlScene.GetFirstNodeByClass("vtkMRMLSliceCompositeNode")
-        if composite is None:
-            composite = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSliceCompositeNode")
-            composite.SetLayoutName("Red")
-            slicer.mrmlScene.AddNewNodeByClass("vtkMRMLViewNode")
-            slicer.mrmlScene.AddNewNodeByClass("vtkMRMLSliceNode").SetLayoutName("Red")
-            slicer.app.processEvents()
+        composite = self.sliceComposite()
         slices = slicer.util.getNodesByClass("vtkMRMLSliceNode")
         view = next(node for node in slices if node.GetLayoutName() == composite.GetLayoutName())
         (contour,) = organ.contours()

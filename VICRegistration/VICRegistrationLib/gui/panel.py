@@ -14,7 +14,7 @@ from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
 from ..mrml.separating import canBeSeparated
 from ..mrml.stack_contours import followStacks
-from ..mrml.volumes import greyVolumes, showInSlices
+from ..mrml.volumes import greyVolumes, showInSlices, viewsByVolume
 from .advanced_section import AdvancedSection
 from .binding import AFTER_WRAPPERS, Binding
 from .compare_section import CompareSection
@@ -253,9 +253,13 @@ class Panel(VTKObservationMixin):
                 setattr(self._organ, name, None)
 
     def _volumeCame(self):
-        """Choose a volume of the scene while none is chosen; organs that are there belong to another one."""
-        if self.parameters is not None and self.parameters.volume is None and not len(self.organs):
-            self.parameters.volume = next(iter(greyVolumes()), None)
+        """Until there is an organ, choose the volume that the slice views show; the first one where they show none."""
+        if self.parameters is None or len(self.organs):
+            return
+        volumes, views = greyVolumes(), viewsByVolume()
+        shown = [volume for volume in views if volume in volumes]
+        if self.parameters.volume is None or (shown and self.parameters.volume not in shown):
+            self.parameters.volume = next(iter(shown or volumes), None)
 
     def _volumeMoved(self, volume):
         """Let what lies in a volume follow it."""
