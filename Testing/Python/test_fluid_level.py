@@ -150,6 +150,16 @@ def test_what_was_found_before_the_level_stays_a_diagnostic_and_is_no_leak(monke
     assert whole.threshold == (100.0, 200.0)
 
 
+def test_a_region_that_misses_a_part_of_the_organ_gives_way_to_the_shape_behind_the_level(monkeypatch):
+    image, inside, behind = ball()
+    left = np.arange(inside.shape[2]) < HALF + 5
+    part = region_from_mask(image, inside & (behind < 0.5) & left, largest_component=True)
+    monkeypatch.setattr(separation, "_chosen", lambda *_: part)
+    whole = separate(image, [0.0, 5.0, 0.0])
+    assert [each.code for each in whole.diagnostics] == ["layer_included"]
+    assert whole.volume_ml == pytest.approx(np.count_nonzero(inside) / 1000.0, rel=0.03)
+
+
 def test_what_has_no_wall_behind_a_level_is_left_out_and_reported():
     """Tissue behind a flat wall, as even as a fluid, which goes on to the border of the volume."""
     image, inside, behind = ball()

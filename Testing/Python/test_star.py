@@ -213,6 +213,15 @@ def test_a_dark_band_at_the_wall_with_fat_behind_it_belongs_to_the_organ(ball):
     assert dice(separate(dimmed, [0.0, 0.0, 0.0]), truth) > 0.97
 
 
+def test_the_rise_from_a_dark_wall_to_bright_fat_is_no_edge_of_the_organ():
+    """It is the sharpest edge of all, and what is behind it would be a dark organ's wall."""
+    radius = np.linalg.norm(places(), axis=0)
+    levels = np.select([radius < 14.0, radius < 17.0, radius < 23.0], [150.0, 30.0, 250.0], 30.0)
+    star = find_star(image_of(ndimage.gaussian_filter(levels, 0.5)), np.array([0.0, 3.0, 0.0]))
+    assert star.falls
+    np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), 14.0, atol=1.5)
+
+
 def test_a_lobe_behind_a_bridge_is_left_out(ball):
     image, truth = ball
     k, j, i = places()
