@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -111,6 +112,46 @@ def refused_fit(refused, output):
         return line
 
     return run
+
+
+@pytest.fixture(scope="session")
+def images(tmp_path_factory):
+    """Folder with an image, the same under another name, two others with another grey level, and a reference."""
+    from small_phantom import ellipsoid, ellipsoid_image
+
+    from VICRegistrationLib.geometry.surface_file import write_surface
+    from VICRegistrationLib.imaging.reading import write_image
+
+    folder, image = tmp_path_factory.mktemp("images"), ellipsoid_image()
+    write_image(image, folder / "mri.nrrd")
+    write_image(image, folder / "copy.nii.gz")
+    image.array[0, 0, 0] += 1
+    write_image(image, folder / "other.nrrd")
+    (folder / "changed").mkdir()
+    write_image(image, folder / "changed" / "mri.nrrd")
+    write_surface(ellipsoid(), folder / "truth.json", name="bladder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def fitted_bladder(images, tmp_path_factory):
+    """Folder of results of a bladder, with its exact solid and without pictures."""
+    from quick_fits import without_finer_nets
+    from results_runs import fit
+
+    with pytest.MonkeyPatch.context() as patch:
+        without_finer_nets(patch)
+        folder = tmp_path_factory.mktemp("plain") / "out"
+        assert fit(images / "mri.nrrd", "bladder", folder, "--no-pictures", "--step") == 0
+    return folder
+
+
+@pytest.fixture
+def results(fitted_bladder, tmp_path):
+    """A copy of it, with a file of the user."""
+    copy = shutil.copytree(fitted_bladder, tmp_path / "out")
+    (copy / "notes.txt").write_text("mine")
+    return copy
 
 
 @pytest.fixture(scope="session")
@@ -235,6 +276,37 @@ def logic(slicer_module):
     import mrml_scenes
 
     return mrml_scenes.logic()
+
+
+@pytest.fixture
+def demo_volume(logic, pelvis):
+    """The demo's MRI in the scene, with seeds of bladder and vagina; nothing is separated yet."""
+    import mrml_scenes
+
+    from VICRegistrationLib.mrml.organ_nodes import seedsOf
+    from VICRegistrationLib.mrml.points import addPoints
+
+    node = mrml_scenes.add_volume(pelvis.image)
+    logic.getParameterNode().volume = node
+    for name in ("bladder", "vagina"):
+        addPoints(seedsOf(logic.organs().add(name), node), pelvis.seeds[name])
+    return node
+
+
+@pytest.fixture
+def fit_model(logic, demo_volume):
+    """Function that fits the generic model that ships to that MRI."""
+    from VICRegistrationLib.mrml.generic_model_fit import fitModel
+
+    return lambda **choices: fitModel(logic.getParameterNode(), demo_volume, **choices)
+
+
+@pytest.fixture
+def model_nodes(slicer_module):
+    """The module generic_model_nodes."""
+    from VICRegistrationLib.mrml import generic_model_nodes
+
+    return generic_model_nodes
 
 
 @pytest.fixture
