@@ -12,7 +12,7 @@ from VICRegistrationLib.geometry import bspline, models
 from VICRegistrationLib.geometry.parametrization import affine, closed_organ
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
-from VICRegistrationLib.registration.cost import Correlation, Objective, sample_shares
+from VICRegistrationLib.registration.cost import Correlation, Objective, huber_shares
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
@@ -364,13 +364,9 @@ def test_a_wave_from_pole_to_pole_costs_the_bending_times_its_mean_square_in_wid
 # ------------------------------------------------------------------ losses
 
 
-def test_squares_leave_all_weights():
-    np.testing.assert_array_equal(sample_shares("squares", np.array([[0.0, 9.0]]), np.ones((1, 2))), 1.0)
-
-
 def test_huber_takes_from_the_large_ones():
     residuals = np.array([0.1, -0.1, 0.1, -0.1, 0.1, 1.0, -2.0])[:, None]
-    shares = sample_shares("huber", residuals, np.ones_like(residuals))[:, 0]
+    shares = huber_shares(residuals, np.ones_like(residuals))[:, 0]
     np.testing.assert_array_equal(shares[:5], 1.0)
     # Twice the scaled median, over the size.
     assert shares[5] == pytest.approx(2.0 * 1.4826 * 0.1)
@@ -379,9 +375,9 @@ def test_huber_takes_from_the_large_ones():
 
 def test_samples_without_weight_do_not_set_the_scale():
     residuals, weights = np.array([[0.1, 0.1, 5.0, 5.0, 5.0]]), np.array([[1.0, 1.0, 0.0, 0.0, 0.0]])
-    assert sample_shares("huber", residuals, weights)[0, 0] == 1.0
-    assert sample_shares("huber", residuals, weights)[0, 2] < 0.1
-    assert np.isfinite(sample_shares("huber", residuals, np.zeros_like(weights))).all()
+    assert huber_shares(residuals, weights)[0, 0] == 1.0
+    assert huber_shares(residuals, weights)[0, 2] < 0.1
+    assert np.isfinite(huber_shares(residuals, np.zeros_like(weights))).all()
 
 
 def test_small_clots_at_the_wall_dent_the_surface_less():

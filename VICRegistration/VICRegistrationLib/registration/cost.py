@@ -1,10 +1,10 @@
-"""The cost: how far the virtual image of a surface is from a real one, its weights, energies and derivatives.
+"""The cost: the difference between the virtual image of a surface and a real image, with weights and derivatives.
 
 A sample lies at x = S(u, v) + d n(u, v). Its residual is r = I(x) - L(d), the real image minus the virtual one in units
-of the organ's contrast, and the cost is the mean of r^2 over the area of the surface and over d. Its derivative by a
-degree of freedom is grad I . dS plus the part of the turning normal, d grad I . dn. Quadratic energies of the
-displacement are added: bending, sliding within the surface, and leaving the surface where a stage began. An objective
-is the sum of all that: over one image, or over several that show the same degrees of freedom.
+of the organ's contrast, and the cost is the mean of r^2 over the area of the surface and over d. The derivative of r by
+a degree of freedom is grad I . dS, plus d grad I . dn because the normal turns. Three quadratic energies of the
+displacement are added: bending, sliding within the surface, and distance along the normal from the surface with which
+the stage began. An objective is the sum of the costs of one or several images and of the energies.
 
 Equations 4 to 7 of Jiang et al. (Strain 2019); the paper has no energies.
 """
@@ -23,21 +23,30 @@ from ..imaging.sampling import Sampler
 from .sample_grid import Frame, SampledSurface
 from .virtual_image import VirtualImage
 
-# Residuals beyond so many scales count by their size, not by its square.
+# Huber's loss is linear for residuals beyond so many robust standard deviations.
 _HUBER = 2.0
 # Scaled median absolute deviation of a normal distribution.
 _MAD = 1.4826
 _SMALLEST_SCALE = 0.02
-# How much stronger the anchor is at most where the surface has a weak edge. Half and twice of it change the mean
-# distances of the demo's organs and of four real bladders by 0.003 mm at most.
+# Largest factor of the anchor's weight at a weak edge. Half and twice of it change the mean distances of the demo's
+# organs and of four real bladders by 0.003 mm at most.
 _STRONGEST_ANCHOR = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Residuals (n, m), image gradients (n, m, 3) and weights (n, m), which sum to the share in the volume.
+    """Comparison of the virtual with the real image at m samples on each of n normal lines.
 
-    Residuals and gradients are in units of the organ's contrast.
+    Parameters
+    ----------
+    frame : Frame
+        The surface.
+    residuals : (n, m) ndarray
+        In units of the organ's contrast.
+    gradients : (n, m, 3) ndarray
+        Of the real image, in units of the contrast per mm.
+    weights : (n, m) ndarray
+        They sum to 1 if all samples lie in the volume and no line's weight is lowered.
     """
 
     frame: Frame
@@ -51,14 +60,14 @@ class Samples:
         return float(np.vdot(self.weights, self.residuals**2))
 
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Find the edge that each normal line shows.
+        """Locate the edge of the real image on each normal line.
 
         Returns
         -------
         slopes : (n,) ndarray
             Mean squared derivative of the image along the normal, 1/mm^2.
         offsets : (n,) ndarray
-            How far the edge is from the surface, to first order, mm.
+            Signed distance of the edge from the surface, to first order, mm.
         """
         along = np.einsum("nmk,nk->nm", self.gradients, self.frame.normals)
         slopes = np.mean(along**2, axis=1)
@@ -66,8 +75,8 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class _Reading:
-    """What the image shows along the normals of the surface at q: all that does not depend on the levels."""
+class _ImageSamples:
+    """Real image along the normals of the surface at q; independent of the levels."""
 
     q: np.ndarray
     frame: Frame
@@ -78,17 +87,18 @@ class _Reading:
 
 @dataclass(frozen=True, eq=False)
 class _Fixed:
-    """What stays fixed while a step is computed.
+    """Virtual image and weights, fixed between two calls of refresh.
 
     Parameters
     ----------
     step : (n,) ndarray
-        Between the levels inside and outside on each normal line.
+        Level inside minus level outside on each normal line.
     grey : (n, m) ndarray
         Grey levels of the virtual image at the samples.
     contrast : float
         Unit of the residuals.
     weight : (n, 1) or (n, m) ndarray
+        Of each line or sample.
     """
 
     step: np.ndarray
@@ -105,22 +115,23 @@ class Correlation:
     sampler : Sampler
         The real image.
     virtual : VirtualImage
-        The intensity profile, and where its levels come from.
+        The intensity profile, and the rule for its levels.
     surface : SampledSurface
-        The surface with its degrees of freedom, and where it is compared.
+        The surface with its degrees of freedom, at the samples.
     depths : (m,) ndarray
         Distances d of the samples from the surface along the normal, mm, see :meth:`.IntensityProfile.depths`.
     loss : {"squares", "huber"}
-        How much samples with large residuals count, see :func:`sample_shares`.
+        With "huber", samples with large residuals have less weight, see :func:`huber_shares`.
     share : (n,) ndarray, optional
-        What each normal line keeps of its weight; all of it if not given.
+        Factors, 0 to 1, of the normal lines' weights; 1 if not given.
 
     Notes
     -----
-    Levels and weights depend on the surface, but are fixed while a step is computed and judged; :meth:`refresh` brings
-    them up to date. Partial volumes are computed once, where the surface begins, and move along with it. Residuals are
-    in units of the organ's contrast, so that the cost is dimensionless. Samples outside of the volume carry no weight.
-    Where levels are estimated, a normal line counts as far as it shows the step between them.
+    Levels and weights depend on the surface, but are fixed while a step is computed and judged; :meth:`refresh` updates
+    them. Partial volumes are computed once, for the first surface, and then move along with it. Residuals are in units
+    of the organ's contrast, so that the cost is dimensionless. Samples outside of the volume have no weight. Where
+    levels are estimated, a normal line that does not itself show the step between them has less weight, see
+    :meth:`.VirtualImage.credibility`.
     """
 
     def __init__(
@@ -140,9 +151,9 @@ class Correlation:
         self.loss = loss
         self.share = share
         self._fixed = None
-        self._fresh = None
+        self._refreshed_at = None
         self._shares = None
-        self._reading = None
+        self._image_samples = None
 
     @property
     def parametrization(self) -> Parametrization:
@@ -152,10 +163,10 @@ class Correlation:
     # ------------------------------------------------------------------ residuals and weights
 
     def refresh(self, q: np.ndarray) -> None:
-        """Bring levels and weights up to date with the surface at q."""
-        if self._fresh is not None and np.array_equal(q, self._fresh):
+        """Update levels and weights for the surface at q, (n_dof,)."""
+        if self._refreshed_at is not None and np.array_equal(q, self._refreshed_at):
             return
-        self._fresh = q.copy()
+        self._refreshed_at = q.copy()
         frame, virtual = self.surface.frame(q), self.virtual
         if self._shares is None:
             surface, axes = self.parametrization.deform(q), self.surface.grid.axes
@@ -179,39 +190,39 @@ class Correlation:
         if along_ramp.wall is not None:
             grey += (behind - outside)[:, None] * along_ramp.behind
         self._fixed = _Fixed(inside - outside, grey, contrast, weight[:, None])
-        if self.loss != "squares":
+        if self.loss == "huber":
             samples = self.sample(q)
-            shares = sample_shares(self.loss, samples.residuals, samples.weights)
+            shares = huber_shares(samples.residuals, samples.weights)
             self._fixed = replace(self._fixed, weight=shares * self._fixed.weight)
 
     def sample(self, q: np.ndarray) -> Samples:
-        """Residuals, image gradients and weights at q, with the levels fixed by the last refresh."""
+        """Compare at q, (n_dof,), with the levels of the last refresh."""
         if self._fixed is None:
             self.refresh(q)
-        fixed, seen = self._fixed, self._read(q)
-        residuals = np.where(seen.valid, (seen.values - fixed.grey) / fixed.contrast, 0.0)
-        weights = np.where(seen.valid, fixed.weight / len(self.depths), 0.0)
-        return Samples(seen.frame, residuals, seen.gradients / fixed.contrast, weights)
+        fixed, image = self._fixed, self._sampled_image(q)
+        residuals = np.where(image.valid, (image.values - fixed.grey) / fixed.contrast, 0.0)
+        weights = np.where(image.valid, fixed.weight / len(self.depths), 0.0)
+        return Samples(image.frame, residuals, image.gradients / fixed.contrast, weights)
 
     def steps(self) -> np.ndarray:
-        """Step between the levels inside and outside on each normal line, (n,) in units of the contrast."""
+        """Absolute step between the levels inside and outside on each normal line, (n,) in units of the contrast."""
         return np.abs(self._fixed.step) / self._fixed.contrast
 
     def anchor_factors(self) -> np.ndarray:
-        """How much stronger the anchor is on each normal line at q = 0 for its weak edge or the volume's end, (n,)."""
+        """Factors of the anchor's weight at q = 0, (n,): above 1 where the edge is weak or the volume ends."""
         q = np.zeros(self.surface.n_dof)
         self.refresh(q)
         factor = 1.0 / np.maximum(self.steps(), 1e-12) ** 4
-        factor = np.where(self._read(q).valid.all(axis=1), factor, _STRONGEST_ANCHOR)
+        factor = np.where(self._sampled_image(q).valid.all(axis=1), factor, _STRONGEST_ANCHOR)
         return np.clip(factor, 1.0, _STRONGEST_ANCHOR)
 
-    def _read(self, q: np.ndarray) -> _Reading:
-        """Sample the image at q; kept, because an iteration starts where the last one ended."""
-        if self._reading is None or not np.array_equal(q, self._reading.q):
+    def _sampled_image(self, q: np.ndarray) -> _ImageSamples:
+        """Sample the real image at q; cached, because an iteration starts where the last one ended."""
+        if self._image_samples is None or not np.array_equal(q, self._image_samples.q):
             frame = self.surface.frame(q)
             positions = frame.along_normals(self.depths)
-            self._reading = _Reading(q.copy(), frame, *self.sampler.values_and_gradients(positions))
-        return self._reading
+            self._image_samples = _ImageSamples(q.copy(), frame, *self.sampler.values_and_gradients(positions))
+        return self._image_samples
 
     # ------------------------------------------------------------------ derivatives
 
@@ -225,7 +236,8 @@ class Correlation:
     def hessian(self, samples: Samples):
         """Gauss-Newton approximation J' W J of half the cost's second derivative, (n_dof, n_dof).
 
-        The turning normal is left out here: it changes the path, not the minimum, and would cost nine times as much.
+        The derivative of the normal is left out: that changes the path, not the minimum, and would make the matrix nine
+        times as expensive.
         """
         weighted = samples.weights[..., None] * samples.gradients
         return self.surface.quadratic_form(np.einsum("nma,nmb->nab", weighted, samples.gradients))
@@ -238,14 +250,14 @@ class Correlation:
         Parameters
         ----------
         tangential, normal : float
-            Weights of the displacement within the tangent plane at q = 0 and along the normal. Where voxels are longer
-            along the normal than at the finest, that along the normal is smaller by the square of how much: there the
-            surface at q = 0 is known less, as it comes from whole voxels. Where the levels are estimated and differ
-            less than elsewhere on the organ, it is up to `_STRONGEST_ANCHOR` times larger: a weak edge is easily
-            mistaken for its neighbour. So it is where the volume ends: nothing else holds the surface there.
+            Weights of the displacement within the tangent plane at q = 0 and along the normal. If levels are estimated,
+            the weight along the normal varies: it is divided by the square of the voxel's length along the normal (in
+            units of its shortest edge), because the surface at q = 0 comes from whole voxels and is less exact there.
+            It is up to `_STRONGEST_ANCHOR` times larger where the edge is weaker than elsewhere on the organ, because a
+            weak edge is easily mistaken for its neighbour, and where the volume ends.
         others : sequence of Correlation
-            Of the same surface with further images. Each counts by its part of a line's weight, so that none holds the
-            surface where another one determines it.
+            Of the same surface with further images. The factors of all images are averaged by the images' parts of a
+            line's weight, so that no image holds the surface where another one determines it.
         """
         q = np.zeros(self.surface.n_dof)
         frame = self.surface.frame(q)
@@ -259,7 +271,7 @@ class Correlation:
         return self.surface.quadratic_form(frame.area[:, None, None] * outer)
 
     def energies(self, *, bending: float, sliding: float, anchor: float, others: Sequence[Correlation] = ()):
-        """Energies of the displacement since q = 0, with weights as of :class:`.stages.Stage`.
+        """Sum up the energies of the displacement from q = 0, with weights as in :class:`.stages.Stage`.
 
         Parameters
         ----------
@@ -281,18 +293,18 @@ class Correlation:
         return total
 
     def cost_of(self, surface: BSplineSurface) -> float:
-        """Cost of a surface that the degrees of freedom reach, with the levels found along the one at q = 0."""
+        """Cost of another surface that the degrees of freedom reach, with the levels of the surface at q = 0."""
         self.refresh(np.zeros(self.surface.n_dof))
         return self.sample(self.parametrization.fit(surface.control_net)).cost
 
 
 class Objective:
-    """What a stage minimises: costs over the same degrees of freedom, and a quadratic energy.
+    """The function that a stage minimises: a sum of costs with common degrees of freedom, and a quadratic energy.
 
     Parameters
     ----------
     costs : sequence of Correlation
-        All images, of one surface or of several ones that have their degrees of freedom in common.
+        One for each image of the surface, or of each of several surfaces that share their degrees of freedom.
     stiffness : (n_dof, n_dof) ndarray or sparse matrix, optional
         K of the energy (q - q_ref)' K (q - q_ref), dimensionless; none if not given.
     reference : (n_dof,) ndarray, optional
@@ -306,7 +318,7 @@ class Objective:
         self.reference = np.zeros(self.n_dof) if reference is None else reference
 
     def refresh(self, q: np.ndarray) -> None:
-        """Bring levels and weights of all images up to date with q, (n_dof,)."""
+        """Update the levels and weights of all images for q, (n_dof,)."""
         for cost in self.costs:
             cost.refresh(q)
 
@@ -337,7 +349,7 @@ class Objective:
         return first
 
     def cost_of(self, surface: BSplineSurface) -> float:
-        """Costs of a surface that the degrees of freedom reach, added up, with the levels found along that at q = 0."""
+        """Sum of the costs of another surface, see :meth:`Correlation.cost_of`."""
         return sum(cost.cost_of(surface) for cost in self.costs)
 
     def displacement(self, step: np.ndarray) -> float:
@@ -354,16 +366,14 @@ class Objective:
         return np.sqrt(sum(cost.parametrization.scales() ** 2 for cost in self.costs) / len(self.costs))
 
 
-def sample_shares(loss: str, residuals: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Compute what each sample keeps of its weight.
+def huber_shares(residuals: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Compute the factors by which Huber's loss lowers the weights of samples with large residuals.
 
     Parameters
     ----------
-    loss : {"squares", "huber"}
-        "squares": all of it, as published (equations 4 and 7). "huber": less where the residual is large, as for
-        samples that lie on another structure.
-    residuals, weights : (n, m) ndarray
+    residuals : (n, m) ndarray
         In units of the contrast.
+    weights : (n, m) ndarray
 
     Returns
     -------
@@ -372,19 +382,17 @@ def sample_shares(loss: str, residuals: np.ndarray, weights: np.ndarray) -> np.n
 
     Notes
     -----
-    Iteratively reweighted least squares (Huber, 1981): with the weights fixed, a step is one of least squares.
+    Iteratively reweighted least squares (Huber, 1981): while the weights are fixed, the problem is a least-squares one.
     """
     size = np.abs(residuals)
-    if loss == "squares":
-        return np.ones_like(size)
     return np.minimum(1.0, _HUBER * _scale(size, weights) / np.maximum(size, 1e-12))
 
 
 def _scale(size: np.ndarray, weights: np.ndarray) -> float:
-    """Robust standard deviation of residuals by their sizes."""
+    """Robust standard deviation of residuals, from the weighted median of their absolute values."""
     order = np.argsort(size, axis=None)
-    passed = np.cumsum(weights.ravel()[order])
-    if not passed[-1] > 0.0:
+    cumulated = np.cumsum(weights.ravel()[order])
+    if not cumulated[-1] > 0.0:
         return _SMALLEST_SCALE
-    median = size.ravel()[order[np.searchsorted(passed, passed[-1] / 2.0)]]
+    median = size.ravel()[order[np.searchsorted(cumulated, cumulated[-1] / 2.0)]]
     return max(_MAD * float(median), _SMALLEST_SCALE)

@@ -1,4 +1,4 @@
-"""How wide the edge of an organ is in an image."""
+"""Width of the edge of an organ in an image."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .options import TAU_PIXELS
 
-# Width of the cosine ramp that is as steep at half height as a step blurred by a Gaussian, in its standard deviations.
+# Width of the cosine ramp with the same slope at half height as a step blurred by a Gaussian, in standard deviations of
+# the Gaussian.
 WIDTH_OF_BLUR = 0.5 * np.pi * np.sqrt(2.0 * np.pi)
-# Where the edge's width is measured: these distances from the edge, in pixels; more where the blur is wider.
+# Distances from the edge at which the profile is sampled, in pixels; stretched where the blur along the line is wider.
 _PROFILE_PIXELS = np.arange(-6.0, 6.01, 0.25)
 _PLATEAU = _PROFILE_PIXELS < -3.0
 _BEYOND = (_PROFILE_PIXELS > 2.0) & (_PROFILE_PIXELS < 4.0)
 _WALL = (_PROFILE_PIXELS >= 1.0) & (_PROFILE_PIXELS < 4.0)
 _NEAR = np.abs(_PROFILE_PIXELS) <= 2.5
-# With two the demo's organs and two real bladders are the same to 0.003 mm; with one an organ in noise is off by
-# 0.05 mm in place of 0.03 mm.
+# Number of measurements, see the notes of `edge_width`. With two the demo's organs and two real bladders are the same
+# to 0.003 mm; with one an organ in noise is off by 0.05 mm in place of 0.03 mm.
 _PASSES = 3
-# Within these an edge is looked for on each line; half and twice as many change the demo's means by 0.001 mm at most.
-# Where lines are not moved to their edges, the blur of an organ 12 mm thick in slices of 4 mm comes out as 0.35 mm in
-# place of 0.40, painted with 0.42.
+# Each line's edge is looked for within this distance, in pixels; half and twice of it change the demo's means by 0.001
+# mm at most. If lines are not moved to their edges, the blur of an organ 12 mm thick in slices of 4 mm is measured as
+# 0.35 mm in place of 0.40 mm; it was painted with 0.42 mm.
 _EDGE_PIXELS = 2.0
 
 
@@ -34,13 +35,13 @@ def blur_covariance(voxel: np.ndarray, edge: float) -> np.ndarray:
     voxel : (3, 3) ndarray
         Columns are the edges of a voxel, mm.
     edge : float
-        Width of the cosine ramp that is as steep as a sharp edge in the image, mm, where it is sharpest. What it is
-        wider than the voxels explain is the point spread of the scanner, taken as equal in all directions.
+        Width of the edge in the image where it is sharpest, as of :func:`edge_width`, mm. The part that the voxels do
+        not explain is the point spread of the scanner, taken as isotropic.
 
     Notes
     -----
-    Averaging over a voxel and interpolating linearly between voxels blur along each voxel edge e with the variances
-    |e|^2 / 12 and |e|^2 / 6, together sum e e' / 4.
+    Averaging over a voxel and linear interpolation blur along each voxel edge e with the variances |e|^2 / 12 and
+    |e|^2 / 6. The sum of both over the three edges is the covariance sum e e' / 4.
     """
     covariance = voxel @ voxel.T / 4.0
     sharpest = float(np.linalg.eigvalsh(covariance)[0])
@@ -62,14 +63,14 @@ def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> 
     Returns
     -------
     float or None
-        mm; None where there is no edge.
+        mm; None if the image shows no edge.
 
     Notes
     -----
-    The median profile across the surface, mostly from places where it is sharp, that is not across thick slices. The
-    width is that of the cosine ramp of equation 3 with the same slope at half height. It is measured three times: each
-    line is moved to its own edge then, as a surface that misses the edge by turns would make it look wide, and
-    stretched by the blur along it that belongs to the width before.
+    The width is that of the cosine ramp of equation 3 with the same slope at half height as the weighted median profile
+    across the surface. Sharp lines, not across thick slices, have the largest weights. The profile is measured three
+    times. Each time the lines are moved to their own edges, because the scatter of the edges about the surface would
+    widen the profile, and stretched by the blur along them that follows from the last width.
     """
     pixel = float(np.linalg.norm(voxel, axis=0).min())
     u, v = surface.midpoints(32, 20)
@@ -87,7 +88,7 @@ def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> 
         width = _width_of_profile(_median(shares, weight), pixel, width)
         if width is None:
             return None
-        # A step from 1 to 0 covers half of an interval about it.
+        # A step from 1 to 0 in the middle of the interval has the mean 0.5.
         middle = np.abs(_PROFILE_PIXELS) <= _EDGE_PIXELS
         lack = np.clip(shares[:, middle], 0.0, 1.0).mean(axis=1) - 0.5
         offsets = offsets + np.where(weight > 0.0, 2.0 * _EDGE_PIXELS * pixel * blur * lack, 0.0)
@@ -95,7 +96,7 @@ def edge_width(sampler: Sampler, surface: BSplineSurface, voxel: np.ndarray) -> 
 
 
 def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Height of the step on each line, (n,), 0 where it goes the other way; and how much of it is left, (n, m)."""
+    """Height of the step on each line, (n,), 0 if its sign is wrong; and the profiles scaled from 1 to 0, (n, m)."""
     inner = values[:, _PLATEAU].mean(axis=1)
     beyond = values[:, _BEYOND]
     darker = float(np.median(inner - beyond.mean(axis=1))) > 0.0
@@ -106,20 +107,20 @@ def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _median(shares: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Weighted median of lines (n, m) at each depth, (m,): clots and folds at some places widen no edge."""
+    """Weighted median of lines (n, m) at each depth, (m,); insensitive to clots and folds at some places."""
     order = np.argsort(shares, axis=0)
-    passed = np.cumsum(weight[order], axis=0)
-    middle = (passed >= 0.5 * passed[-1]).argmax(axis=0)
+    cumulated = np.cumsum(weight[order], axis=0)
+    middle = (cumulated >= 0.5 * cumulated[-1]).argmax(axis=0)
     return np.take_along_axis(shares, np.take_along_axis(order, middle[None], axis=0), axis=0)[0]
 
 
 def _width_of_profile(profile: np.ndarray, pixel: float, expected: float) -> float | None:
-    """Width of the cosine ramp that is as high and as steep as a profile from 1 to 0, mm; None where none falls.
+    """Width of the cosine ramp with the height and the slope of a profile from 1 to 0, mm; None if it does not fall.
 
-    What an edge of the expected width carries outward is taken off the level there: walls may be thin.
+    The level outside is corrected for the blur of an edge of the expected width, because walls may be thin.
     """
     slope = float(np.max(-np.gradient(profile, pixel * _PROFILE_PIXELS)[_NEAR]))
     inner = float(profile[_PLATEAU].mean())
-    carried = ndtr(-pixel * _PROFILE_PIXELS[_WALL] * WIDTH_OF_BLUR / expected)
-    height = inner - float(np.min((profile[_WALL] - carried * inner) / (1.0 - carried)))
+    blurred = ndtr(-pixel * _PROFILE_PIXELS[_WALL] * WIDTH_OF_BLUR / expected)
+    height = inner - float(np.min((profile[_WALL] - blurred * inner) / (1.0 - blurred)))
     return 0.5 * np.pi * height / slope if slope > 0.0 else None

@@ -1,7 +1,7 @@
-"""Partial volumes: the share of each voxel that lies inside a surface, blurred as the real image is.
+"""Partial volumes: the share of each voxel that lies inside a surface, blurred like the real image.
 
-The virtual image is made of them in the way in which the real one was made: an organ in the voxels of the same grid.
-What averaging over thick slices does to a curved edge, and interpolating between them, is in both images then.
+The virtual image is made like the real one, from the organ in voxels of the same grid. So both images contain the same
+effects of averaging over thick slices and of interpolating between them.
 """
 
 from __future__ import annotations
@@ -24,21 +24,22 @@ from .wall_thickness import wall_thickness
 # Lines through a voxel along each of its two shorter edges. Half and twice of them change no mean distance of the demo
 # by more than 0.002 mm, and of real bladders by 0.008 mm.
 _LINES = 2
-# How far triangles may be from the surface, in the shortest edges of a voxel. Half of it changes no mean distance
-# of the demo by more than 0.002 mm.
+# Chord error of the triangles, in units of the voxel's shortest edge. Half of it changes no mean distance of the demo
+# by more than 0.002 mm.
 _CHORD_ERROR = 1.0 / 5.0
-# Standard deviation of a usual point spread, in the same: from there that of the image is found by one step. Half and
-# twice of it end at the same distances.
+# First guess of the point spread's standard deviation, in the same units; the image's own is found from it in one step.
+# Half and twice of it end at the same distances.
 _USUAL_SPREAD = 0.6
-# Samples (u, v) at which is measured how far a surface has moved.
-_MOVED_AT = (24, 16)
+# Number of samples in u and v for the distance between two surfaces.
+_SAMPLES = (24, 16)
 
 
 @dataclass(frozen=True, eq=False)
 class _VoxelShares:
     """Partial volumes of a surface on the grid of an image.
 
-    If the surface has a thin wall, `with_wall` are those of organ and wall together, and `wall` its thickness, mm.
+    If the organ has a thin wall, `with_wall` has the partial volumes of organ and wall together, and `wall` is the
+    wall's thickness, mm.
     """
 
     surface: BSplineSurface
@@ -48,26 +49,26 @@ class _VoxelShares:
 
 
 class PartialVolumes:
-    """Partial volumes along surfaces in the voxels of one image.
+    """Partial volumes of surfaces in the voxels of one image.
 
-    Computing them takes as long as several iterations. They are kept, and move along with a surface that has moved a
-    little: what thick slices do to an edge depends on where the slices cut the surface, and on its shape.
+    Computing them takes as long as several iterations. The last ones are kept, and used for a surface that has moved
+    only a little: they then move along with it.
 
     Parameters
     ----------
     image : Image
-        Whose grid is taken, and whose blur.
+        Gives the grid and the blur.
 
     Notes
     -----
-    The scanner's point spread is taken as a Gaussian that is equal in all directions, and chosen so that the edge is as
-    wide as that in the image: curvature within thick slices makes both of them wider. Where the wall of the organ is
+    The scanner's point spread is modelled by an isotropic Gaussian. Its width is chosen so that the edge of the partial
+    volumes is as wide as the edge in the image; curvature within thick slices widens both. If the wall of the organ is
     thinner than a voxel is long, see :func:`.wall_thickness`, the partial volumes of organ and wall together are
     computed too.
     """
 
     def __init__(self, image: Image):
-        # A surface is cut at the lines of a grid. Where they run must not depend on the order of the volume's axes.
+        # The result must not depend on the order of the volume's axes.
         self.image = image.canonical()
         self._last: _VoxelShares | None = None
 
@@ -79,7 +80,7 @@ class PartialVolumes:
         *,
         within: float,
     ) -> Shares:
-        """Compute the shares of the image's blur inside, and behind a thin wall, along the normals of a surface.
+        """Interpolate the shares of organ, wall, and what lies behind it along the normals of a surface.
 
         Parameters
         ----------
@@ -90,8 +91,8 @@ class PartialVolumes:
         depths : (m,) ndarray
             Distances from the surface, outward positive, mm.
         within : float
-            Partial volumes of another surface with the same parameters are taken if this one is no farther from it,
-            root mean square, mm.
+            The last partial volumes are used if their surface lies within this distance, root mean square, mm. It must
+            have the same parameters.
 
         Returns
         -------
@@ -106,11 +107,11 @@ class PartialVolumes:
         inside = last.inside.values(places)[0]
         if last.wall is None:
             return Shares(inside)
-        # Where hollows overlap, the wall is nowhere less than the organ.
+        # Moving a concave surface outward may make it overlap itself; organ and wall are at least the organ.
         return Shares(inside, 1.0 - np.maximum(last.with_wall.values(places)[0], inside), last.wall)
 
     def _computed(self, surface: BSplineSurface) -> _VoxelShares:
-        """Compute the partial volumes of a surface, interpolated linearly as the image is."""
+        """Compute the partial volumes of a surface."""
         image, spacing = self.image, np.asarray(self.image.spacing)
         voxel, real_sampler = image.ijk_to_ras[:3, :3], Sampler(image)
         mesh = triangulate_volume(surface, chord_error=_CHORD_ERROR * spacing.min())
@@ -120,7 +121,7 @@ class PartialVolumes:
         virtual, real = (edge_width(sampler, surface, voxel) for sampler in (usually_blurred, real_sampler))
         if virtual is None or real is None:
             return _VoxelShares(surface, usually_blurred)
-        # Held at the limits of tau: what lies behind thin walls in thick slices widens the edge in the image.
+        # Limited as tau is, because what lies behind thin walls in thick slices widens the edge in the image.
         real = np.clip(real, LEAST_TAU_PIXELS * spacing.min(), MOST_TAU_PIXELS * spacing.min())
         deviation = np.sqrt(max(usual**2 + (real**2 - virtual**2) / WIDTH_OF_BLUR**2, 0.0))
         inside = self._blurred(shares, deviation)
@@ -136,13 +137,13 @@ class PartialVolumes:
         return line_fractions(mesh.points, mesh.triangles, image.array.shape, image.ijk_to_ras, lines=_LINES)
 
     def _blurred(self, shares: np.ndarray, deviation: float) -> Sampler:
-        """Shares on the grid of the image after a Gaussian of so many mm."""
+        """Blur shares by a Gaussian of a standard deviation in mm."""
         deviations = deviation / np.asarray(self.image.spacing)[::-1]
         return Sampler(Image(ndimage.gaussian_filter(shares, deviations), self.image.ijk_to_ras))
 
 
 def _distance(surface: BSplineSurface, other: BSplineSurface) -> float:
-    """How far a surface is from another one with the same parameters, along its normals, root mean square, mm."""
-    u, v = other.midpoints(*_MOVED_AT)
+    """Root mean square distance of a surface from another with the same parameters, along the other's normals, mm."""
+    u, v = other.midpoints(*_SAMPLES)
     apart = surface.points(u, v) - other.points(u, v)
     return float(np.sqrt(np.mean(np.einsum("nk,nk->n", apart, other.normals(u, v)) ** 2)))

@@ -1,8 +1,7 @@
-"""Where a surface is compared with an image, and how it moves there.
+"""Samples of a surface: parameters, basis functions, points, normals, and their derivatives by degrees of freedom.
 
-Samples lie along normal lines of the surface, x = S(u, v) + d n(u, v). Here is all of them that no image changes: their
-parameters and basis functions, points and normals, and what the degrees of freedom do to these. Images that are
-compared with one surface share it.
+Samples lie along normal lines of the surface, x = S(u, v) + d n(u, v). This file has the part that is independent of
+the images; all images that are compared with one surface share it.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from ..geometry import bspline
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 
-# Matrices whose products with the bases are kept: those of one global and one local parametrization, and some more.
-_KEPT_MOTIONS = 8
-# Share of a matrix that is not zero, from which on it is taken as full: deformations of space move all points, control
-# points few.
-_MANY_MEET = 0.5
+# Number of matrices whose products with the bases are cached: three each for a few parametrizations.
+_CACHED_MATRICES = 8
+# Share of non-zero entries from which on a matrix counts as full. Deformations of space move all points, control points
+# only a few.
+_FULL = 0.5
 # Below this number of control points dense matrices are faster than sparse ones.
 _DENSE_LIMIT = 400
 
@@ -54,10 +53,10 @@ class SampleGrid:
         ----------
         surface : BSplineSurface
         shape : (n_u, n_v)
-            Equal intervals: the samples are their midpoints, so that poles and seam are not hit.
+            Number of equal intervals. The samples are their midpoints, so that none lies on a pole or on the seam.
         between : bool
-            Take the ends of the intervals instead, but for the poles: n_u x (n_v - 1) samples as far from the others
-            as can be.
+            Take the ends of the intervals instead, without the poles: n_u x (n_v - 1) samples half-way between those
+            midpoints.
 
         Returns
         -------
@@ -80,45 +79,45 @@ class SampleGrid:
     def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
         """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
 
-        Kept, because the stages of a registration and the coordinates share their matrices.
+        Cached, because the stages of a registration and the coordinates share their matrices.
         """
 
-        def moved():
+        def multiply():
             products = [basis @ matrix for basis in self.bases]
             return tuple(p.toarray() if dense else p.tocsr() for p in products)
 
-        return _kept(self._motions, matrix, moved)
+        return _cached(self._motions, matrix, multiply)
 
     def products(self, matrix: sparse.csr_matrix) -> PairProducts:
-        """Products of the motions of S by every two of a coordinate's degrees of freedom; kept as well."""
-        return _kept(self._products, matrix, lambda: PairProducts.of(self.bases[0] @ matrix))
+        """Products of the displacements of S by every two of a coordinate's degrees of freedom; cached as well."""
+        return _cached(self._products, matrix, lambda: PairProducts.of(self.bases[0] @ matrix))
 
 
-def _kept(made: dict, matrix: sparse.csr_matrix, make: Callable[[], object]):
-    """Take what was made for a matrix, or make it; the last ones are kept."""
-    if id(matrix) not in made:
-        # The matrix is kept too, so that its id stays its own.
-        made[id(matrix)] = matrix, make()
-        while len(made) > _KEPT_MOTIONS:
-            del made[next(iter(made))]
-    return made[id(matrix)][1]
+def _cached(cache: dict, matrix: sparse.csr_matrix, make: Callable[[], object]):
+    """Return the cached result for a matrix, or make it; the oldest entry is dropped."""
+    if id(matrix) not in cache:
+        # The matrix is stored too, so that its id is not used again.
+        cache[id(matrix)] = matrix, make()
+        while len(cache) > _CACHED_MATRICES:
+            del cache[next(iter(cache))]
+    return cache[id(matrix)][1]
 
 
 @dataclass(frozen=True, eq=False)
 class PairProducts:
-    """Products of pairs of functions that meet at a sample: what quadratic forms of a displacement are sums of.
+    """Products of every two functions that are both non-zero at a sample; quadratic forms are weighted sums of them.
 
-    Few basis functions meet at a sample, so that few of their products are not zero. These are worked out once for all
-    weights that the samples will ever have.
+    Few basis functions are non-zero at a sample, and so are few of their products. They are computed once, and used
+    with the weights of every iteration.
 
     Parameters
     ----------
     n : int
         Number of functions.
     rows, columns : (n_pairs,) ndarray of int
-        Which two functions; rows <= columns, each pair once.
+        Indices of the two functions; rows <= columns, each pair once.
     products : (n_pairs, n_samples) csr_matrix
-        Of the two at each sample.
+        Product of the two at each sample.
     """
 
     n: int
@@ -128,7 +127,7 @@ class PairProducts:
 
     @classmethod
     def of(cls, functions: sparse.csr_matrix) -> PairProducts:
-        """Multiply all functions that meet.
+        """Compute the products.
 
         Parameters
         ----------
@@ -145,7 +144,7 @@ class PairProducts:
         n_samples, n = functions.shape
         count = np.diff(functions.indptr)
         pairs, samples, values = [], [], []
-        # Samples with equally many functions are done at once.
+        # All samples with the same number of non-zero functions at once.
         for number in np.unique(count):
             here = np.flatnonzero(count == number)
             first, second = (functions.indptr[here][:, None] + part for part in np.triu_indices(number))
@@ -166,7 +165,7 @@ class PairProducts:
         ----------
         weights : (n_samples, m) ndarray
         dense : bool
-            Whether arrays are wanted, or sparse matrices.
+            Whether to return arrays in place of sparse matrices.
 
         Returns
         -------
@@ -186,7 +185,20 @@ class PairProducts:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Position of the surface at the samples: points, tangents S_u and S_v, their cross product, unit normals."""
+    """Position of the surface at n samples.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+    tangents : two (n, 3) ndarray
+        S_u and S_v.
+    cross : (n, 3) ndarray
+        S_u x S_v.
+    length : (n,) ndarray
+        Its length.
+    normals : (n, 3) ndarray
+        Unit normals.
+    """
 
     points: np.ndarray
     tangents: tuple[np.ndarray, np.ndarray]
@@ -201,7 +213,7 @@ class Frame:
 
     def along_normals(self, offsets: np.ndarray) -> np.ndarray:
         """Points (n, m, 3) at distances (n, m) or (m,) along the normals."""
-        # Coordinates apart in memory, which numpy adds faster.
+        # numpy is faster if each coordinate is contiguous in memory.
         return np.moveaxis(self.points.T[:, :, None] + offsets * self.normals.T[:, :, None], 0, -1)
 
     def normal_terms(self, lever: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -222,7 +234,7 @@ class SampledSurface:
     grid : SampleGrid
         Made for surfaces with its knots.
     use_sparse : bool, optional
-        Whether to use sparse matrices; for large control nets if not given.
+        Whether to use sparse matrices; if not given, only for large control nets.
 
     Attributes
     ----------
@@ -239,11 +251,11 @@ class SampledSurface:
         self._start = tuple(basis @ flat for basis in grid.bases)
         motions = [grid.motion(matrix, dense=not self.sparse) for matrix in parametrization.matrices]
         self._motion = tuple(zip(*motions))
-        # Coordinates that move alike are computed at once.
-        self._alike = all(motion is motions[0] for motion in motions)
+        # Coordinates with the same matrix are computed together.
+        self._same_matrix = all(motion is motions[0] for motion in motions)
         first = parametrization.matrices[0]
-        # Where all functions meet at all samples, products of pairs are as many as a matrix product works out anyway.
-        self._all_meet = first.nnz > _MANY_MEET * np.prod(first.shape)
+        # With full matrices, sparse products of pairs save nothing over a matrix product.
+        self._full = first.nnz > _FULL * np.prod(first.shape)
         self._last = None
 
     @property
@@ -252,7 +264,7 @@ class SampledSurface:
         return self.parametrization.n_dof
 
     def at(self, surface: BSplineSurface) -> SampledSurface:
-        """Count the same degrees of freedom from another surface that they reach."""
+        """Take another surface that the degrees of freedom reach as q = 0."""
         return SampledSurface(self.parametrization.at(surface), self.grid, use_sparse=self.sparse)
 
     def frame(self, q: np.ndarray) -> Frame:
@@ -262,7 +274,7 @@ class SampledSurface:
         indices = self.parametrization.indices
         parts = []
         for start, motion in zip(self._start, self._motion):
-            if self._alike:
+            if self._same_matrix:
                 moved = motion[0] @ np.stack([q[index] for index in indices], axis=1)
             else:
                 moved = np.stack([matrix @ q[index] for matrix, index in zip(motion, indices)], axis=1)
@@ -282,7 +294,7 @@ class SampledSurface:
         Parameters
         ----------
         frame : Frame
-            Where the surface is.
+            The surface.
         direct, lever : (n, 3) ndarray
         """
         result = np.zeros(self.n_dof)
@@ -294,7 +306,7 @@ class SampledSurface:
     def normal_motion(self, normals: np.ndarray):
         """Displacement of the samples along normals (n, 3) by each degree of freedom, (n, n_dof) array or matrix."""
         parts = [sparse.diags(normals[:, k]) @ motion for k, motion in enumerate(self._motion[0])]
-        if self.sparse and self._alike:
+        if self.sparse and self._same_matrix:
             return sparse.hstack(parts, format="csr")
         result = np.zeros((len(normals), self.n_dof))
         for part, index in zip(parts, self.parametrization.indices):
@@ -306,7 +318,7 @@ class SampledSurface:
         pairs = [(a, b) for a in range(3) for b in range(a, 3)]
         weights = np.stack([outer[:, a, b] for a, b in pairs], axis=1)
         motion, indices = self._motion[0], self.parametrization.indices
-        if self._alike and not self._all_meet:
+        if self._same_matrix and not self._full:
             blocks = self.grid.products(self.parametrization.matrices[0]).forms(weights, dense=not self.sparse)
         elif self.sparse:
             blocks = [(motion[a].T @ sparse.diags(w) @ motion[b]).tocoo() for (a, b), w in zip(pairs, weights.T)]

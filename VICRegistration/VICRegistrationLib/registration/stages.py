@@ -92,7 +92,7 @@ class Stage:
         Bending is the thin-plate energy (1 for one wave around the organ as high as the ramp is wide), sliding the mean
         square within the surface, which the image does not determine, anchor the mean square along the normal.
     loss : {"squares", "huber"}
-        How much samples with large residuals count, see :func:`.cost.sample_shares`.
+        With "huber", samples with large residuals have less weight, see :func:`.cost.huber_shares`.
     solver : {"gauss-newton", "gradient-descent"}
     stop_rule : {"displacement", "parameters"}
         Stop when no control point moved by more than `tolerance` (mm), or no degree of freedom changed by more than
