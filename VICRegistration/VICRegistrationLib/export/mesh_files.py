@@ -1,7 +1,7 @@
-"""Triangles into files that Slicer opens in place: VTP, with the B-spline surface inside, STL and PLY.
+"""Mesh files: VTP, with the B-spline surface inside, STL and PLY. Slicer shows them at the right place.
 
-Points and normals are LPS mm, marked as Slicer marks them: STL and PLY files say SPACE=LPS in their headers, a VTP file
-has the text ``SPACE``, "LPS", in its field data, beside the surface as :mod:`.surface_data` puts it there.
+Points and normals are LPS mm. As Slicer does, STL and PLY files have SPACE=LPS in their headers, and VTP files the text
+``SPACE``, "LPS", in their field data, beside the surface (see :mod:`.surface_data`).
 """
 
 from __future__ import annotations
@@ -11,18 +11,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkIOGeometry import vtkSTLWriter
 from vtkmodules.vtkIOPLY import vtkPLYWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from ..files import replacing
+from ..files import replacing, write_text
 from ..frames import RAS_TO_LPS
 from ..geometry.polydata import polydata
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import TriangleMesh, triangulate
 from ..imaging.library_messages import silent_vtk
-from .surface_data import add_surface, add_text, polydata_of_mesh, xml_text
+from .surface_data import add_surface, add_text, number_array, polydata_of_mesh, xml_text
 
 MESH_SUFFIXES = (".stl", ".ply", ".vtp")
 DEFAULT_CHORD_ERROR = 0.05
@@ -32,7 +31,7 @@ _HEADER = "3D Slicer output. SPACE=LPS"
 def write_mesh(
     surface: BSplineSurface, path: str | os.PathLike, *, name: str, chord_error: float = DEFAULT_CHORD_ERROR
 ) -> None:
-    """Write the triangles of a surface in the format that the file's name asks for.
+    """Write the triangles of a surface in the format of the file's suffix.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ def write_mesh(
     Raises
     ------
     ValueError
-        If the name asks for another format, or the chord error is not positive.
+        If the suffix is another one, or the chord error is not positive.
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
@@ -56,14 +55,14 @@ def write_mesh(
 
 
 def write_triangles(mesh: TriangleMesh, surface: BSplineSurface, path: str | os.PathLike, *, name: str) -> None:
-    """Write triangles in the format that the file's name asks for.
+    """Write triangles in the format of the file's suffix.
 
     Parameters
     ----------
     mesh : TriangleMesh
         RAS mm.
     surface : BSplineSurface
-        That they were made of; a .vtp file holds it too.
+        The surface that they were made of; a .vtp file holds it too. RAS mm.
     path, name
         As for :func:`write_mesh`.
 
@@ -94,13 +93,13 @@ def write_vtp(
     mesh : TriangleMesh
         RAS mm.
     surface : BSplineSurface
-        RAS mm; goes into the field data described above, so that nothing is lost.
+        RAS mm; it is stored exactly in the field data.
     path : path
         File to write; its folder must exist.
     name : str
         Name of the organ.
     scalars : mapping of str to (n,) ndarray, optional
-        Numbers at the points by their names, such as "Deviation"; the first is what programs show.
+        Numbers at the points by their names, such as "Deviation"; the first is the active one.
 
     Raises
     ------
@@ -109,16 +108,12 @@ def write_vtp(
     """
     data = polydata_of_mesh(mesh, axes=RAS_TO_LPS)
     for key, values in (scalars or {}).items():
-        array = numpy_to_vtk(np.ascontiguousarray(values, dtype=float), deep=True)
-        array.SetName(key)
-        data.GetPointData().AddArray(array)
+        data.GetPointData().AddArray(number_array(key, np.asarray(values, dtype=float)))
     if scalars:
         data.GetPointData().SetActiveScalars(next(iter(scalars)))
     add_text(data, "SPACE", "LPS")
     add_surface(data, surface, name=name)
-    text = xml_text(vtkXMLPolyDataWriter(), data)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_text(path, xml_text(vtkXMLPolyDataWriter(), data))
 
 
 def write_stl(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None:
@@ -131,7 +126,7 @@ def write_stl(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
     path : path
         File to write; its folder must exist.
     name : str
-        Name of the organ, appended to the header as far as there is room.
+        Name of the organ, appended to the header and cut off where that is full.
 
     Raises
     ------
@@ -153,7 +148,7 @@ def write_ply(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
     path : path
         File to write; its folder must exist.
     name : str
-        Name of the organ, a comment of the header.
+        Name of the organ, for a comment in the header.
 
     Raises
     ------
@@ -161,7 +156,7 @@ def write_ply(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
         If the file cannot be written; a file of that name is left as it was.
     """
     writer = vtkPLYWriter()
-    # A comment ends with its line, whatever the name is.
+    # A comment is one line: line breaks in the name become blanks.
     for comment in (_HEADER, " ".join(name.split())):
         writer.AddComment(comment.encode("ascii", "replace").decode("ascii"))
     least_size = 12 * len(mesh.points) + 13 * len(mesh.triangles)
@@ -169,7 +164,7 @@ def write_ply(mesh: TriangleMesh, path: str | os.PathLike, *, name: str) -> None
 
 
 def _write_binary(writer, mesh: TriangleMesh, path: str | os.PathLike, *, header_end: bytes, least_size: int) -> None:
-    """Write with a writer of VTK, which does not report a full disk: the size after the header shows it."""
+    """Write by a writer of VTK. It does not report a full disk, so the size after the header is checked."""
     writer.SetInputData(polydata(mesh.points * RAS_TO_LPS, mesh.triangles))
     writer.SetFileTypeToBinary()
     with replacing(path) as draft:
@@ -183,7 +178,7 @@ def _write_binary(writer, mesh: TriangleMesh, path: str | os.PathLike, *, header
 
 
 def _suffix(path: str | os.PathLike) -> str:
-    """Take the ending of a file's name, if it is that of a format."""
+    """Return the suffix of a file, or refuse one that is of no format."""
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         msg = f"The file {path} was asked for; its name must end in one of {', '.join(MESH_SUFFIXES)}."

@@ -1,7 +1,7 @@
 """Organs as STEP files (ISO 10303-21, AP214): the exact B-spline patches as closed solids, in LPS mm.
 
-An organ is a product with its name and colour, one solid. Several organs are an assembly of such products, each where
-it lies in the patient. Coordinates are those of DICOM (LPS: left, posterior, superior), as in the mesh files.
+An organ is a product with a name, a colour and one solid. Several organs are an assembly of such products, each at its
+place in the patient. Coordinates are those of DICOM (LPS: left, posterior, superior), as in the mesh files.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .. import __version__
-from ..files import replacing
+from ..files import write_text
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import validate
 from .step_shapes import Entities, add_solid, listed, patches, real, string
 
 ASSEMBLY_NAME = "organs"
 _SCHEMA = "AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }"
-# Points closer than this are one point to the reader, mm.
+# Distance below which a reader may take two points for one, mm.
 _ACCURACY_MM = 1e-6
-# The standard wants a time; with this one the same organs give the same file.
+# The standard requires a time; a constant one makes the files of the same organs equal.
 _NO_TIME = "1970-01-01T00:00:00"
 
 
@@ -44,7 +44,7 @@ class Solid:
 
 
 def write_step(solids: Sequence[Solid], path: str | os.PathLike, *, faces: int = 1) -> None:
-    """Write organs as a STEP file, or refuse to where one of them is no valid solid.
+    """Write organs as a STEP file.
 
     Parameters
     ----------
@@ -56,15 +56,13 @@ def write_step(solids: Sequence[Solid], path: str | os.PathLike, *, faces: int =
     Raises
     ------
     ValueError
-        If a surface is open, folded at a pole, has flipped normals or passes through itself: with the organ, the place
-        on its surface (RAS mm) and what to do. And as in :func:`step_text`.
+        If a surface is open, folded at a pole, has flipped normals or passes through itself: the message has the organ,
+        the place (RAS mm) and a remedy. And as in :func:`step_text`.
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
     validate_solids(solids)
-    text = step_text(solids, faces=faces)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="ascii")
+    write_text(path, step_text(solids, faces=faces))
 
 
 def write_step_surface(surface: BSplineSurface, path: str | os.PathLike, *, name: str, faces: int = 1) -> None:
@@ -90,18 +88,18 @@ def write_step_surface(surface: BSplineSurface, path: str | os.PathLike, *, name
 
 
 def validate_solids(solids: Sequence[Solid], *, require_closed: bool = True) -> None:
-    """Look at every surface as the boundary of a solid.
+    """Check that every surface bounds a solid.
 
     Parameters
     ----------
     solids : sequence of Solid
     require_closed : bool
-        Whether an open one is refused too.
+        Whether an open surface is an error too.
 
     Raises
     ------
     ValueError
-        With the first problem: the organ, the place on its surface (RAS mm), and what to do.
+        With the first problem: the organ, the place on its surface (RAS mm), and a remedy.
     """
     for solid in solids:
         try:
@@ -112,14 +110,14 @@ def validate_solids(solids: Sequence[Solid], *, require_closed: bool = True) -> 
 
 
 def step_text(solids: Sequence[Solid], *, faces: int = 1) -> str:
-    """Text of a STEP file: one product, or an assembly of several; see :func:`validate_solids` for the surfaces.
+    """Return the text of a STEP file: one product, or an assembly. It does not check the surfaces for validity.
 
     Parameters
     ----------
     solids : sequence of Solid
         With different names.
     faces : int
-        Faces of every organ: 1, with a seam; or strips from pole to pole, cut by exact knot insertion, that have none.
+        Faces of every organ: 1 with a seam, or several strips from pole to pole, cut exactly by knot insertion.
 
     Returns
     -------
@@ -142,7 +140,7 @@ def step_text(solids: Sequence[Solid], *, faces: int = 1) -> str:
 
 
 def file_text(names: Sequence[str], entities: Entities) -> str:
-    """Text of a file with these products and their instances.
+    """Return the text of a file with given products and their instances.
 
     Parameters
     ----------
@@ -157,7 +155,7 @@ def file_text(names: Sequence[str], entities: Entities) -> str:
 
 
 def _check(solids: Sequence[Solid]) -> None:
-    """Refuse what no STEP file can hold."""
+    """Refuse organs that cannot be written as STEP."""
     names = [solid.name for solid in solids]
     if not names:
         msg = "No organ was given; give at least one surface to write."
@@ -186,7 +184,7 @@ def _strips(solid: Solid, faces: int) -> tuple[BSplineSurface, ...]:
 
 
 def _header(names: Sequence[str]) -> str:
-    """Header section: what is inside, in which frame, and by whom."""
+    """Return the header section: content, frame and program."""
     what = f"B-spline solids of organs: {', '.join(names)}"
     frame = "LPS mm: x to the left, y to the back, z to the head of the patient (DICOM)"
     program = f"vic-registration {__version__}"
@@ -222,7 +220,7 @@ class _Product:
 
 
 class Products:
-    """Adds products to the instances of a file.
+    """Adds products to a file.
 
     Parameters
     ----------
@@ -246,7 +244,7 @@ class Products:
     def add_part(
         self, name: str, solid: str, color: tuple[float, float, float] | None, *, sheet: bool = False
     ) -> _Product:
-        """Add a product made of a solid or an open sheet, given by its reference, with a colour or without."""
+        """Add a product of a solid or an open sheet, given by its reference, with an optional colour."""
         context, placement = self._context(), self._placement()
         kind = "MANIFOLD_SURFACE" if sheet else "ADVANCED_BREP"
         representation = self._entities.add(
@@ -258,7 +256,7 @@ class Products:
         return _Product(self._definition(name, representation), representation, placement)
 
     def add_assembly(self, name: str, parts: Sequence[tuple[str, _Product]]) -> None:
-        """Add a product made of other products, given with their names, each where it is."""
+        """Add an assembly of products, given with their names, each at its own coordinates."""
         entities = self._entities
         context, placement = self._context(), self._placement()
         places = [self._placement() for _ in parts]
@@ -288,7 +286,7 @@ class Products:
         return definition
 
     def _context(self) -> str:
-        """Space of its own for a representation, in mm."""
+        """Add a geometric context in mm."""
         accuracy = self._entities.add(
             f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({real(_ACCURACY_MM)}),{self._units[0]},"
             "'distance_accuracy_value','confusion accuracy')"
@@ -299,7 +297,7 @@ class Products:
         )
 
     def _placement(self) -> str:
-        """Frame at the origin."""
+        """Add a coordinate frame at the origin."""
         entities = self._entities
         origin = entities.point((0.0, 0.0, 0.0))
         axis, reference = entities.add("DIRECTION('',(0.,0.,1.))"), entities.add("DIRECTION('',(1.,0.,0.))")

@@ -1,4 +1,4 @@
-"""Triangles as VTK data that carry the B-spline surface they were made of, in their field data.
+"""VTK data of triangles, with the B-spline surface that they were made of in the field data.
 
 ===================== ==================================================================================
 ``name``              name of the organ
@@ -8,15 +8,17 @@
 ``knots_v``           knots in v
 ``control_net``       n_u * n_v control points with 3 components each; p_ij is row i * n_v + j
 ``control_net_shape`` n_u and n_v
-``control_net_space`` "RAS": frame of the control net, whatever that of the points is
+``control_net_space`` "RAS": frame of the control net; the points may have another one
 ===================== ==================================================================================
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkStringArray
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkFieldData, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
@@ -30,7 +32,7 @@ _NUMBERS = ("degrees", "knots_u", "knots_v", "control_net", "control_net_shape")
 
 
 def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
-    """Take triangles out of VTK data; polygons and strips are cut into triangles.
+    """Return the triangles of VTK data; polygons and strips are cut into triangles.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
     points : (n, 3) ndarray
         In the frame of the data.
     triangles : (m, 3) ndarray of int
-        Both are empty where the data holds neither polygons nor strips.
+        Both are empty if the data has neither polygons nor strips.
     """
     cut = vtkTriangleFilter()
     cut.PassLinesOff()
@@ -56,24 +58,22 @@ def triangles_in(data: vtkPolyData) -> tuple[np.ndarray, np.ndarray]:
 
 
 def polydata_of_mesh(mesh: TriangleMesh, *, axes: np.ndarray = (1.0, 1.0, 1.0)) -> vtkPolyData:
-    """Triangles with their normals as VTK data.
+    """Make VTK data of triangles with their normals.
 
     Parameters
     ----------
     mesh : TriangleMesh
         RAS mm.
     axes : (3,) array_like
-        Signs that points and normals are multiplied by: (-1, -1, 1) for LPS. An even number of them may be negative,
-        or the triangles would be turned inside out.
+        Signs that points and normals are multiplied by: (-1, -1, 1) for LPS. The number of negative ones must be even,
+        or the triangles would be inside out.
 
     Returns
     -------
     vtkPolyData
     """
     data = polydata(mesh.points * np.asarray(axes), mesh.triangles)
-    normals = numpy_to_vtk(np.ascontiguousarray(mesh.normals * np.asarray(axes)), deep=True)
-    normals.SetName("Normals")
-    data.GetPointData().SetNormals(normals)
+    data.GetPointData().SetNormals(number_array("Normals", mesh.normals * np.asarray(axes)))
     return data
 
 
@@ -95,13 +95,11 @@ def add_surface(data: vtkPolyData, surface: BSplineSurface, *, name: str, role: 
     net = surface.control_net
     numbers = (surface.degrees, surface.knots_u, surface.knots_v, net.reshape(-1, 3), net.shape[:2])
     for key, values in zip(_NUMBERS, numbers):
-        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
-        array.SetName(role + key)
-        data.GetFieldData().AddArray(array)
+        data.GetFieldData().AddArray(number_array(role + key, values))
 
 
 def surface_in(data: vtkFieldData, where: str, *, remedy: str, role: str = "") -> BSplineSurface:
-    """Take a surface out of field data.
+    """Return the surface in field data.
 
     Parameters
     ----------
@@ -109,7 +107,7 @@ def surface_in(data: vtkFieldData, where: str, *, remedy: str, role: str = "") -
     where : str
         What holds it, for messages: "file bladder.vtp".
     remedy : str
-        What to do if it lacks a surface, for messages: "give another file".
+        What to do if there is no surface, for messages: "give another file".
     role : str
         As for :func:`add_surface`.
 
@@ -146,14 +144,28 @@ def surface_in(data: vtkFieldData, where: str, *, remedy: str, role: str = "") -
 
 def add_text(data: vtkPolyData, key: str, text: str) -> None:
     """Put a text into the field data of triangles."""
+    data.GetFieldData().AddArray(text_array(key, [text]))
+
+
+def text_array(name: str, texts: Sequence[str]) -> vtkStringArray:
+    """Make a named VTK array of texts."""
     array = vtkStringArray()
-    array.SetName(key)
-    array.InsertNextValue(text)
-    data.GetFieldData().AddArray(array)
+    array.SetName(name)
+    array.SetNumberOfValues(len(texts))
+    for number, text in enumerate(texts):
+        array.SetValue(number, text)
+    return array
+
+
+def number_array(name: str, values: np.ndarray) -> vtkDataArray:
+    """Make a named VTK array of numbers (n,), or of n tuples (n, k); a copy."""
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+    array.SetName(name)
+    return array
 
 
 def xml_text(writer, data) -> str:
-    """Write data as VTK's XML into memory: Python notices a full disk, VTK does not.
+    """Return data as the text of VTK's XML file. Python writes it, because VTK does not report a full disk.
 
     Parameters
     ----------

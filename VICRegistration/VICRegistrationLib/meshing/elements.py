@@ -1,7 +1,7 @@
-"""Meshes of tetrahedra with 4 or 10 nodes: their faces, volumes, and how well shaped they are.
+"""Meshes of tetrahedra with 4 or 10 nodes: faces, volumes, and quality of the elements.
 
 Nodes are numbered as in VTK and Abaqus: four corners, then the middles of the edges 01, 12, 20, 03, 13 and 23. The
-first three corners go counter-clockwise seen from the fourth.
+first three corners are counter-clockwise seen from the fourth.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class TetrahedralMesh:
     exact_volumes : dict of str to float
         Volumes of the exact solids by group of tetrahedra, mm^3.
     notes : tuple of Diagnostic
-        What the user should know: overlaps that were resolved, elements of poor shape.
+        Notes for the user: overlaps that were resolved, poor elements.
     shells : dict of str to float
-        Thickness of the groups of triangles that are sheets beside the tetrahedra, mm.
+        Thickness, mm, of those groups of triangles that are shell elements.
     node_groups : dict of str to ndarray of int
-        Rows of `points`, such as those that are fixed.
+        Rows of `points`, such as fixed nodes.
     """
 
     points: np.ndarray
@@ -73,7 +73,7 @@ class TetrahedralMesh:
 
 
 def faces_of(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All different faces of tetrahedra.
+    """Return the distinct faces of tetrahedra.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def faces_of(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     faces : (f, 3 or 6) ndarray of int
         Nodes, counter-clockwise seen from outside of the first owner.
     first, second : (f,) ndarray of int
-        The tetrahedra on both sides; `second` is -1 where there is none.
+        The tetrahedra on both sides; `second` is -1 on the boundary.
     """
     local = FACES[:, :3] if tetrahedra.shape[1] == 4 else FACES
     faces = tetrahedra[:, local].transpose(1, 0, 2).reshape(-1, local.shape[1])
@@ -103,7 +103,7 @@ def faces_of(tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def flat_triangles(faces: np.ndarray) -> np.ndarray:
-    """Cut faces of second order into flat triangles.
+    """Split faces of second order into flat triangles.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def flat_triangles(faces: np.ndarray) -> np.ndarray:
     Returns
     -------
     (f, 3) or (4 f, 3) ndarray of int
-        The four of a face follow each other.
+        The four of a face are in consecutive rows.
     """
     return faces if faces.shape[1] == 3 else faces[:, _QUARTERS].reshape(-1, 3)
 
@@ -146,8 +146,33 @@ def scaled_jacobians(points: np.ndarray, tetrahedra: np.ndarray) -> np.ndarray:
     return _over_elements(points, tetrahedra, places, lambda matrices: _scaled(matrices).min(axis=1))
 
 
+def poor_element(points: np.ndarray, tetrahedra: np.ndarray, least_quality: float) -> dict[str, float]:
+    """Find the worst element of a mesh if its scaled Jacobian is too small.
+
+    Parameters
+    ----------
+    points : (n, 3) ndarray
+        RAS mm.
+    tetrahedra : (m, 4 or 10) ndarray of int
+    least_quality : float
+        Scaled Jacobian from which on no element is poor.
+
+    Returns
+    -------
+    dict of str to float
+        Values of a diagnostic: its centre ``r``, ``a``, ``s`` (mm), ``jacobian``, and ``good``, the least quality.
+        Empty if no element is poor.
+    """
+    jacobian = scaled_jacobians(points, tetrahedra)
+    worst = int(np.argmin(jacobian))
+    if jacobian[worst] >= least_quality:
+        return {}
+    center = points[tetrahedra[worst, :4]].mean(axis=0).tolist()
+    return {**dict(zip("ras", center)), "jacobian": float(jacobian[worst]), "good": least_quality}
+
+
 def _over_elements(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarray, measure) -> np.ndarray:
-    """Measure the Jacobians of elements, (m, k, 3, 3), some at a time."""
+    """Apply a function to the Jacobians of elements, (m, k, 3, 3), block by block to save memory."""
     blocks = [
         measure(_jacobians(points, tetrahedra[start : start + _BLOCK], places))
         for start in range(0, len(tetrahedra), _BLOCK)
@@ -156,13 +181,13 @@ def _over_elements(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarra
 
 
 def _jacobians(points: np.ndarray, tetrahedra: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Differentiate the position by the local coordinates at local places (k, 3): (m, k, 3, 3)."""
+    """Jacobian matrices of elements at places (k, 3) of the unit tetrahedron: (m, k, 3, 3)."""
     derivatives = _shape_derivatives(tetrahedra.shape[1], places)
     return np.einsum("mni,knj->mkij", points[tetrahedra], derivatives, optimize=True)
 
 
 def _shape_derivatives(nodes: int, places: np.ndarray) -> np.ndarray:
-    """Differentiate the nodes' functions at places of the unit tetrahedron: (k, 4 or 10, 3)."""
+    """Differentiate the shape functions at places (k, 3) of the unit tetrahedron: (k, 4 or 10, 3)."""
     gradients = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
     if nodes == 4:
         return np.broadcast_to(gradients, (len(places), 4, 3))
@@ -174,6 +199,7 @@ def _shape_derivatives(nodes: int, places: np.ndarray) -> np.ndarray:
 
 
 def _scaled(matrices: np.ndarray) -> np.ndarray:
+    """Scaled Jacobians from Jacobian matrices, (..., 3, 3)."""
     columns = np.moveaxis(matrices, -1, 0)
     ends = np.concatenate([np.zeros_like(columns[:1]), columns])
     lengths = [np.linalg.norm(ends[b] - ends[a], axis=-1) for a, b in EDGES]

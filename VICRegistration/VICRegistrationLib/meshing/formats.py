@@ -2,17 +2,17 @@
 
 ====== ======================================================================================================
 .msh   gmsh 4.1, text; groups are physical groups
-.vtu   VTK, tetrahedra and triangles; the number ``group`` of each cell, their names in the field data
-       ``group_names``
+.vtu   VTK, tetrahedra and triangles; cell array ``group`` with the number of each cell's group, field data
+       ``group_names`` with the names
 .inp   Abaqus and CalculiX: solid elements, C3D4 or C3D10; ELSET of every organ, SURFACE and NSET of
-       every surface; sheets of models as S3 or STRI65 with their thickness; NSET of what is fixed
+       every surface; sheets of models as S3 or STRI65 with their thickness; NSET of fixed nodes
 .med   Salome and Code_Aster; groups are families
 .unv   I-deas; groups are sets of nodes and of elements
 .bdf   Nastran: CTETRA, and CTRIA3 or CTRIA6 of the surfaces; a property number for every group
-.vtk   VTK's legacy format: the number ``CellEntityIds`` of each cell
+.vtk   VTK's legacy format; cell array ``CellEntityIds`` with the number of each cell's group
 ====== ======================================================================================================
 
-gmsh writes all but .vtu and .inp: its own .inp would hold triangles as elements too, and no surfaces for loads.
+gmsh writes all but .vtu and .inp: its .inp would have triangles as elements too, and no surfaces for loads.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from pathlib import Path
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from ..export.surface_data import xml_text
+from ..export.surface_data import number_array, text_array, xml_text
 from ..files import replacing
 from ..frames import RAS_TO_LPS
 from .elements import FACES, TetrahedralMesh
 from .process import GMSH_WORKER, require_gmsh, run_worker
 
 MESH_FORMATS = (".msh", ".vtu", ".inp", ".med", ".unv", ".bdf", ".vtk")
-# Formats that know ASCII names only, and formats that know numbers instead of names.
+# Formats with ASCII names only, and formats with numbers instead of names.
 _ASCII, _NUMBERED = (".inp", ".unv"), (".bdf", ".vtk")
 # gmsh reads names of up to 127 letters, a .med file holds 80.
 _LONGEST_NAME = 60
@@ -59,7 +59,7 @@ def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> dict[str
     Returns
     -------
     dict of str to str
-        What each group is called in the file; the number of its property where there are no names.
+        Name of each group in the file, or the number of its property if the format has no names.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> dict[str
     suffix = mesh_format(path)
     groups = [*mesh.tetrahedron_groups, *mesh.triangle_groups]
     names = names_in_file(groups, ascii_only=suffix in _ASCII)
-    # Before the file is begun: what fails here has nothing to do with the disk.
+    # Outside of `replacing`, which reports errors as those of the disk.
     if suffix == ".vtu":
         content, names = _vtu(mesh), {name: name for name in groups}
     elif suffix == ".inp":
@@ -86,7 +86,7 @@ def write_tetrahedra(mesh: TetrahedralMesh, path: str | os.PathLike) -> dict[str
 
 
 def mesh_format(path: str | os.PathLike) -> str:
-    """Find the format that a file's name asks for.
+    """Return the suffix of a mesh file.
 
     Raises
     ------
@@ -101,13 +101,13 @@ def mesh_format(path: str | os.PathLike) -> str:
 
 
 def names_in_file(names: Iterable[str], *, ascii_only: bool) -> dict[str, str]:
-    """Names that a file can hold: different, not too long, in one line without quotation marks.
+    """Make names that a file can hold: distinct, not too long, in one line without quotation marks.
 
     Parameters
     ----------
     names : iterable of str
     ascii_only : bool
-        Whether they are made of letters, digits and underscores of ASCII, and begin with a letter.
+        Whether to use only ASCII letters, digits and underscores, with a letter first.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def names_in_file(names: Iterable[str], *, ascii_only: bool) -> dict[str, str]:
 
 
 def _by_gmsh(mesh: TetrahedralMesh, names: dict[str, str], suffix: str) -> bytes:
-    """Content of a file that gmsh writes, in a process of its own."""
+    """Return the content of a file that gmsh writes, in a process of its own."""
     require_gmsh()
     groups = [
         *((3, name, mesh.tetrahedra[rows]) for name, rows in mesh.tetrahedron_groups.items()),
@@ -145,7 +145,7 @@ def _by_gmsh(mesh: TetrahedralMesh, names: dict[str, str], suffix: str) -> bytes
 
 
 def _vtu(mesh: TetrahedralMesh) -> bytes:
-    """Content of a VTU file: tetrahedra, then triangles."""
+    """Return the content of a VTU file: tetrahedra, then triangles."""
     points = vtkPoints()
     points.SetData(numpy_to_vtk(mesh.points * RAS_TO_LPS, deep=True))
     kinds = [cells for cells in (mesh.tetrahedra, mesh.triangles) if len(cells)]
@@ -165,15 +165,9 @@ def _vtu(mesh: TetrahedralMesh) -> bytes:
     rows = [*mesh.tetrahedron_groups.values(), *mesh.triangle_groups.values()]
     for number, (start, cells) in enumerate(zip(starts, rows)):
         group[start + cells] = number
-    numbers = numpy_to_vtk(group, deep=True)
-    numbers.SetName("group")
-    grid.GetCellData().AddArray(numbers)
+    grid.GetCellData().AddArray(number_array("group", group))
     for key, texts in (("SPACE", ["LPS"]), ("unit", ["mm"]), ("group_names", names)):
-        field = vtkStringArray()
-        field.SetName(key)
-        for text in texts:
-            field.InsertNextValue(text)
-        grid.GetFieldData().AddArray(field)
+        grid.GetFieldData().AddArray(text_array(key, texts))
     return xml_text(vtkXMLUnstructuredGridWriter(), grid).encode("utf-8")
 
 
@@ -181,7 +175,7 @@ def _vtu(mesh: TetrahedralMesh) -> bytes:
 
 
 def _abaqus(mesh: TetrahedralMesh, names: dict[str, str]) -> str:
-    """Text of an .inp file: the nodes of a surface are NAME_nodes, the elements of its faces NAME_S1 to NAME_S4."""
+    """Return the text of an .inp file: a surface has the nodes NAME_nodes, and elements NAME_S1 to NAME_S4."""
     points = np.column_stack([np.arange(1, len(mesh.points) + 1), mesh.points * RAS_TO_LPS])
     parts = [
         "*HEADING\nOrgans meshed by vic-registration; LPS (DICOM), mm\n*NODE\n",
@@ -215,7 +209,7 @@ def _shell(mesh: TetrahedralMesh, rows: np.ndarray, name: str, group: str) -> li
 
 
 def _surface(mesh: TetrahedralMesh, rows: np.ndarray, name: str) -> list[str]:
-    """Write the sets of elements with a face in a surface, by the number of that face, and the surface of them."""
+    """Write a surface, and the sets of elements with a face in it, by the number of that face."""
     cell, side = _owners(mesh, rows)
     parts, lines = [], []
     for number in range(4):
@@ -227,8 +221,8 @@ def _surface(mesh: TetrahedralMesh, rows: np.ndarray, name: str) -> list[str]:
 
 
 def _owners(mesh: TetrahedralMesh, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedron that each triangle is a face of, seen from outside of it, and the number of that face from 0."""
-    # Rotated so that the smallest node stands first, faces of both sides of an interface stay different.
+    """Tetrahedron that has each triangle as a face with the normal outward, and the number of that face from 0."""
+    # Rotated, not sorted: faces on the two sides of an interface stay different.
     faces = _rotated(mesh.tetrahedra[:, FACES[:, :3]].reshape(-1, 3))
     wanted = _rotated(mesh.triangles[rows][:, :3])
     size = len(mesh.points)
@@ -239,18 +233,19 @@ def _owners(mesh: TetrahedralMesh, rows: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _rotated(faces: np.ndarray) -> np.ndarray:
+    """Rotate the corners of faces so that the smallest one is first."""
     first = np.argmin(faces, axis=1)
     return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1).astype(np.int64)
 
 
 def _rows(table: np.ndarray, layout: str) -> str:
-    """Rows of a table, a line each."""
+    """Return a table as text, a line for each row."""
     text = io.StringIO()
     np.savetxt(text, table, fmt=layout)
     return text.getvalue()
 
 
 def _lists(numbers: np.ndarray) -> str:
-    """Numbers, 16 in a line, as many as Abaqus reads."""
+    """Return numbers as text, 16 in a line, which is the most that Abaqus reads."""
     texts = [str(number) for number in numbers.tolist()]
     return "".join(f"{', '.join(texts[start : start + 16])}\n" for start in range(0, len(texts), 16))

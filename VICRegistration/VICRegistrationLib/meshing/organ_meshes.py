@@ -1,4 +1,4 @@
-"""Meshes of organs by gmsh: tetrahedra (solid, hollow with a wall, several with common nodes), or triangles."""
+"""Meshes of organs by gmsh: tetrahedra of solid or hollow organs, with common nodes where they touch, or triangles."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from ..geometry.projection import closest_points
 from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from ..messages import Diagnostic
-from .elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
+from .elements import TRIANGLE_EDGES, TetrahedralMesh, poor_element, scaled_jacobians, volumes
 from .groups import patch_groups, second_order, surface_groups
 from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
 from .regions import MeshOptions, Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
 
 _Mesh = TypeVar("_Mesh")
 
-# Below this scaled Jacobian another way of meshing is tried.
+# Below this scaled Jacobian other algorithms of gmsh are tried.
 LEAST_QUALITY = 0.15
-# Faces of every solid, and the fraction of the time that is left: gmsh hangs on some sharply bent surfaces with a seam.
+# Faces of every solid, and share of the remaining time: gmsh hangs on some strongly curved surfaces with a seam, which
+# are then tried as two faces.
 _LAYOUTS = ((1, 0.4), (2, 1.0))
-# How often a mesh is made, each time with smaller elements, until it keeps the volume.
+# Most meshes that are made, each with smaller elements, until one keeps the volume.
 _TRIES = 3
 # More than this takes gigabytes of memory and hours.
 MOST_TETRAHEDRA = 10_000_000
@@ -40,8 +41,8 @@ def mesh_organs(
     Parameters
     ----------
     solids : sequence of Solid
-        With different names. Where two overlap, the place belongs to the one that is named first; where they touch,
-        the mesh has common nodes.
+        With different names. Where two overlap, the common volume belongs to the first one; where they touch, the mesh
+        has common nodes.
     options : MeshOptions, optional
     on_progress : callable, optional
         Called with one line on what is being done. If it raises, gmsh is ended.
@@ -53,10 +54,9 @@ def mesh_organs(
     Raises
     ------
     ValueError
-        If a surface is no valid solid, with the place; or the wall would pass through itself.
+        If a surface is no valid solid, or the wall would pass through itself; the message has the place.
     MeshingError
-        With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that
-        is wrong.
+        If gmsh is not installed, crashes, takes too long, or returns nothing or a wrong mesh.
     """
     options = options or MeshOptions()
     say = on_progress or (lambda line: None)
@@ -74,14 +74,14 @@ def keeping_volumes(mesh: Callable[[float], tuple[_Mesh, Mapping[str, float]]], 
     Parameters
     ----------
     mesh : callable
-        Makes a mesh with so many times the size where surfaces are curved, and gives it with the relative difference
-        of each part's volume.
+        Takes a factor on the sizes at curved surfaces; returns a mesh, and the relative difference of each part's
+        volume.
     volume_error : float
-        Largest difference.
+        Largest relative difference that is allowed.
 
     Returns
     -------
-    What `mesh` has made.
+    The mesh.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def keeping_volumes(mesh: Callable[[float], tuple[_Mesh, Mapping[str, float]]], 
         worst = max(off, key=lambda part: abs(off[part]))
         if abs(off[worst]) <= volume_error:
             return made
-        # The difference goes with the square of the size.
+        # The difference is proportional to the square of the size.
         scale *= max(np.sqrt(0.8 * volume_error / abs(off[worst])), 0.5)
     msg = (
         f"gmsh returned a mesh of {worst} whose volume is {100.0 * off[worst]:+.2f} % off, more than the "
@@ -112,7 +112,7 @@ def mesh_surface(
     ----------
     solid : Solid
     options : MeshOptions, optional
-        Only size and time limit count.
+        Only size and time limit are used.
     on_progress : callable, optional
         As in :func:`mesh_organs`.
 
@@ -126,7 +126,7 @@ def mesh_surface(
     ValueError
         If the surface is no valid solid.
     MeshingError
-        With one sentence, if gmsh is not installed, crashes, takes too long or returns no closed surface.
+        If gmsh is not installed, crashes, takes too long or returns no closed surface.
     """
     options, surface = options or MeshOptions(), solid.surface
     require_gmsh()
@@ -150,9 +150,9 @@ def mesh_surface(
 
 @dataclass(frozen=True, eq=False)
 class _Draft:
-    """What has come back from gmsh, checked.
+    """A checked mesh from gmsh, without groups.
 
-    ``region`` is that of each tetrahedron, ``exact`` the volume of the exact solids by group.
+    ``region`` is the index of each tetrahedron's region, ``exact`` has the volumes of the exact solids by group, mm^3.
     """
 
     points: np.ndarray
@@ -164,7 +164,7 @@ class _Draft:
 
 @dataclass(frozen=True)
 class _Attempts:
-    """Runs of gmsh before a common end of time."""
+    """Runs of gmsh with one time limit for all; ``end`` is on the clock of `time.monotonic`."""
 
     regions: Sequence[Region]
     options: MeshOptions
@@ -172,7 +172,7 @@ class _Attempts:
     say: Callable[[str], None]
 
     def mesh(self, scale: float) -> tuple[_Draft, dict[str, float]]:
-        """Mesh with so much smaller elements where the surface is curved; by how much each volume is off."""
+        """Mesh with a factor on the sizes at curved surfaces; returns the relative difference of each volume too."""
         regions = self.regions
         result = self._run(scale)
         self.say("checking the mesh")
@@ -191,7 +191,7 @@ class _Attempts:
         return _Draft(points, tetrahedra, region, exact, tuple(notes)), off
 
     def _run(self, scale: float) -> Result:
-        """Run gmsh; if it crashes or hangs, once more on surfaces that are cut otherwise."""
+        """Run gmsh; if it crashes or hangs, once more with two faces for each surface."""
         self.say("choosing the sizes of the elements")
         for faces, share in _LAYOUTS:
             job, files = job_files(self.regions, self.options, scale=scale, faces=faces, least_quality=LEAST_QUALITY)
@@ -210,8 +210,8 @@ class _Attempts:
 
 
 def _refuse_too_many(regions: Sequence[Region], options: MeshOptions) -> None:
-    """Refuse a mesh that would fill the memory before it is begun."""
-    # A wall is as thick as one element or more; a regular tetrahedron has 0.118 of its edge's cube.
+    """Refuse a mesh that would not fit into memory, before gmsh is run."""
+    # A wall is at least one element thick; the volume of a regular tetrahedron is 0.118 of its edge's cube.
     size = min(options.size, options.wall or np.inf)
     number = sum(region.volume for region in regions) / (0.118 * size**3)
     if number > MOST_TETRAHEDRA:
@@ -223,7 +223,7 @@ def _refuse_too_many(regions: Sequence[Region], options: MeshOptions) -> None:
 
 
 def _checked_arrays(arrays: Mapping[str, np.ndarray], n_regions: int):
-    """Points in RAS, tetrahedra and their regions, without unused points; refuse what is no mesh."""
+    """Return points in RAS, tetrahedra and their regions, without unused points; refuse what is no valid mesh."""
     remedy = "choose another element size"
     try:
         points, cells, region = (np.asarray(arrays[key]) for key in ("points", "tetrahedra", "regions"))
@@ -244,7 +244,7 @@ def _checked_arrays(arrays: Mapping[str, np.ndarray], n_regions: int):
 
 
 def refuse_inverted(points: np.ndarray, cells: np.ndarray) -> None:
-    """Refuse a mesh with elements that are turned inside out."""
+    """Refuse a mesh with inverted elements."""
     inverted = int(np.count_nonzero(scaled_jacobians(points, cells) <= 0.0))
     if inverted:
         msg = f"gmsh returned {inverted} inverted elements among {len(cells)}; choose another element size."
@@ -257,7 +257,7 @@ def _volume_errors(points, tetrahedra, region, exact: Mapping[str, float]) -> di
 
 
 def _assembled(draft: _Draft, regions: Sequence[Region], patches: tuple[int, int]) -> TetrahedralMesh:
-    """Put cells in the order of their regions and find the groups of triangles."""
+    """Sort tetrahedra by region, and find the groups of triangles."""
     order = np.argsort(draft.region, kind="stable")
     points, tetrahedra, region = draft.points, draft.tetrahedra[order], draft.region[order]
     groups = {item.group: np.flatnonzero(region == number) for number, item in enumerate(regions)}
@@ -265,10 +265,7 @@ def _assembled(draft: _Draft, regions: Sequence[Region], patches: tuple[int, int
     surfaces = surfaces_of(regions)
     triangles, triangle_groups = surface_groups(points, tetrahedra, groups, surfaces, names=names)
     triangle_groups = patch_groups(points, triangles, triangle_groups, surfaces, patches)
-    jacobian, notes = scaled_jacobians(points, tetrahedra), draft.notes
-    worst = int(np.argmin(jacobian))
-    if jacobian[worst] < LEAST_QUALITY:
-        place = dict(zip("ras", points[tetrahedra[worst, :4]].mean(axis=0).tolist()))
-        shape = {"jacobian": float(jacobian[worst]), "good": LEAST_QUALITY}
-        notes += (Diagnostic("poor_element", {**place, **shape}),)
+    worst, notes = poor_element(points, tetrahedra, LEAST_QUALITY), draft.notes
+    if worst:
+        notes += (Diagnostic("poor_element", worst),)
     return TetrahedralMesh(points, tetrahedra, groups, triangles, triangle_groups, draft.exact, notes)

@@ -1,1 +1,1 @@
-"""Models of several organs and of what holds them: patches that share points, organs cut from closed surfaces."""
+"""Models of several organs and their supporting structures: B-spline patches that share control points."""

@@ -1,4 +1,4 @@
-"""The map of space that carries what no image shows: from the placed model's organs to the fitted ones."""
+"""The map of space that moves the parts no image shows: from the organs of the model to the fitted ones."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from scipy.spatial.distance import cdist
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 
-# Parameters of each organ at which the map is given, around and from pole to pole.
+# Samples of each organ at which the map is known, around and from pole to pole.
 _SAMPLES = (14, 10)
-# Nuggets: by how much, mm^2, a sample may be off the map, which itself bends by 1 mm^2 for each mm of distance. Along
-# the normal, within the surface, and of landmarks, which are placed to 2 mm. On seven known maps ligaments and fasciae
-# are off by 2.0 mm in the mean from 800 to 6400 within the surface, by 2.3 mm with 400 in one round, by 2.7 mm where
-# both are 0.01. Landmarks from 4 to 32 give the same to 0.1 mm, and so do normals from 0.5 to 14; the less, the more
-# space is squeezed beside sharp ends: to 0.12 of its size beside a real vagina with 4, to 0.24 with 10, 0.28 with 16.
+# Nuggets of the kriging, mm^2: variances of the samples along the normal, within the surface, and of landmarks, which
+# are placed to 2 mm. The variance of the map itself is 1 mm^2 for each mm of distance. On seven known maps ligaments
+# and fasciae are off by 2.0 mm in the mean from 800 to 6400 within the surface, by 2.3 mm with 400 in one round, by 2.7
+# mm where both are 0.01. Landmarks from 4 to 32 give the same to 0.1 mm, and so do normals from 0.5 to 14; with less,
+# space is compressed more beside sharp ends: to 0.12 of its size beside a real vagina with 4, 0.24 with 10, 0.28 with
+# 16.
 _NORMAL, _TANGENTIAL, _LANDMARK = 10.0, 1600.0, 4.0
 # How often samples are matched with the surface; a third time changes the means by 0.01 mm.
 _ROUNDS = 2
@@ -25,27 +26,29 @@ _STEP_MM = 0.5
 
 
 class CarryingMap:
-    """Smoothest map of space that takes organs and landmarks of a model to those of an image.
+    """Smoothest map of space from organs and landmarks of a model to those of an image.
 
     Parameters
     ----------
     source, target : mapping of str to BSplineSurface
-        The same organs with the same nets: of the model, and as fitted; RAS mm.
+        The organs of the model and the fitted organs, by the same names and with the same nets; RAS mm.
     landmarks : (m, 3) ndarray, optional
-        Of the model, RAS mm.
+        Landmarks of the model, RAS mm.
     places : (m, 3) ndarray, optional
-        Where they are in the image, RAS mm.
+        Positions of these landmarks in the image, RAS mm.
     nugget : float
-        Of the surfaces along their normals, mm^2: the larger, the less sharp ends of organs bend the map.
+        Variance of the samples along the surface's normals, mm^2: the larger, the less the map bends at sharp ends of
+        organs.
 
     Notes
     -----
-    Biharmonic radial basis functions (-r in space) with an affine part: of all maps they bend least, and far from
-    their samples they go on as an affine map, where functions of compact support would fall back to it within a radius.
+    Biharmonic radial basis functions (-r in space) with an affine part: they have the least bending energy, and far
+    from the samples they become affine slowly, while functions of compact support would do so within their radius.
 
-    An image shows where a surface lies, and not which of its points came from where: what a fit says of that follows
-    from energies. So a sample holds the map along the surface's normal, and hardly within the surface (kriging with a
-    nugget for each direction); then it is matched with the nearest point of the surface, and the map is made again.
+    An image shows where a surface lies, but not which of its points corresponds to which point of the model: that
+    follows from the energies of the fit. So a sample determines the map along the surface's normal, and hardly within
+    the surface (kriging with a nugget for each direction). Then it is matched with the nearest point of the surface,
+    and the map is computed again.
     """
 
     def __init__(
@@ -70,7 +73,7 @@ class CarryingMap:
             self._weights, self._linear = self._solved(to - self._centers, nuggets)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Take points of the model, (n, 3) RAS mm, to the image."""
+        """Map points of the model, (n, 3) RAS mm, to the image."""
         points = np.asarray(points, dtype=float)
         return points - cdist(points, self._centers) @ self._weights + self._affine(points) @ self._linear
 
@@ -85,12 +88,12 @@ class CarryingMap:
         return found[:n], found[n:]
 
     def _affine(self, points: np.ndarray) -> np.ndarray:
-        """Return the terms of the affine part, (n, 4), of one size around the centres."""
+        """Return the terms of the affine part, (n, 4), scaled to the spread of the centres."""
         middle, size = self._centers.mean(axis=0), self._centers.std()
         return np.column_stack([np.ones(len(points)), (points - middle) / size])
 
     def determinants(self, points: np.ndarray) -> np.ndarray:
-        """By how much the map enlarges space around points (n, 3), (n,); negative where it folds it."""
+        """Jacobian determinants of the map at points (n, 3), (n,): negative where space is folded."""
         points = np.asarray(points, dtype=float)
         steps = _STEP_MM * np.eye(3)
         ends = np.concatenate([points + sign * step for step in steps for sign in (1.0, -1.0)])
@@ -99,7 +102,7 @@ class CarryingMap:
 
 
 class _Organ:
-    """Samples of an organ of the model, and the surface it was fitted to."""
+    """Samples of an organ of the model, and the fitted surface."""
 
     def __init__(self, source: BSplineSurface, target: BSplineSurface) -> None:
         parameters = source.midpoints(*_SAMPLES)
@@ -108,12 +111,12 @@ class _Organ:
         self._target = target
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the fitted surface that are nearest to these, (n, 3), and normals there."""
+        """Points of the fitted surface that are nearest to given ones, (n, 3), and the normals there."""
         found = closest_points(self._target, points)
         return found.points, self._target.normals(*found.parameters.T)
 
 
 def _nuggets(normals: np.ndarray, nugget: float) -> np.ndarray:
-    """Nuggets of samples, (n, 3, 3), by normals (n, 3), along which it is given."""
+    """Covariances of samples, (n, 3, 3), from normals (n, 3) and the variance along them."""
     along = normals[:, :, None] * normals[:, None, :]
     return _TANGENTIAL * np.eye(3) + (nugget - _TANGENTIAL) * along

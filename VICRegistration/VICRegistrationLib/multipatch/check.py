@@ -1,4 +1,4 @@
-"""What is wrong with a model: parts that hang free, folds, parts that pass through organs, another unit or frame."""
+"""Checks of a model: detached parts, folds, parts that pass through others, another unit or frame."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .model import MultiPatchModel, Part, Patch
 from .topology import open_edges, share_of_points, shell
 from .triangles import model_triangles
 
-# Sizes that organs have, mm: the diagonal of the box around one.
+# Smallest and largest diagonal of the box around an organ, mm.
 _ORGAN_SIZES = (15.0, 500.0)
-# Deeper inside an organ than this is through its wall, mm. From 1e-9 to 0.5 the same is found: nothing in the pelvis as
-# it ships, carried at random or fitted to the demo, and a cord that is led through the rectum.
+# A part passes through an organ if it is deeper inside than this, mm. From 1e-9 to 0.5 the same is found: nothing in
+# the pelvis as it ships, deformed at random or fitted to the demo; and a cord that was drawn through the rectum.
 _DEEP = 0.1
-# Farther from every point of the model no place on the bones of a pelvis is, mm: some 25 mm in the one that ships.
+# Largest distance of a landmark from the nearest point of the model, mm; about 25 mm in the model that ships.
 _FAR_LANDMARK = 100.0
 # Samples of a patch in each direction.
 _SAMPLES = 13
 
 
 def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
-    """Look for everything that keeps a model from being used.
+    """Look for everything that makes a model unusable.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
     Returns
     -------
     tuple of Diagnostic
-        Empty for a good model. Whether parts pass through others is looked for only where all hold together.
+        Empty for a good model. Parts that pass through others are looked for only if nothing else is wrong.
     """
     found = [*_sizes(model), *_frame(model), *_organs(model), *check_connections(model), *_folds(model)]
     found = found or _landmarks(model)
@@ -43,7 +43,7 @@ def check_model(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
 
 
 def check_connections(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
-    """Look for parts that share no points with others, and cords that are no solids.
+    """Look for sheets and cords that are not attached, and cords that are not closed.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def check_connections(model: MultiPatchModel) -> tuple[Diagnostic, ...]:
 
 
 def require_meshable(model: MultiPatchModel) -> None:
-    """Refuse a model that is not in mm, or whose parts do not hold together.
+    """Refuse a model that is not in mm, or whose parts are not attached.
 
     Raises
     ------
     ValueError
-        With the first sentence of what is wrong.
+        With the sentence of the first problem.
     """
     found = [*_sizes(model), *check_connections(model)]
     if found:
@@ -89,7 +89,7 @@ def through_organs(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Yields
     ------
     Diagnostic
-        The deepest place of each part in each organ; two organs that overlap are reported once.
+        One for each part and organ, with the deepest place; two organs that overlap are reported once.
     """
     for part in model.parts:
         points = _part_samples(model, part)
@@ -117,7 +117,7 @@ def through_cords(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Yields
     ------
     Diagnostic
-        A place of each part in each cord.
+        One for each part and cord, with a place.
     """
     mesh = model_triangles(model)
     samples = {part.name: _part_samples(model, part) for part in model.parts if part.kind != "organ"}
@@ -143,7 +143,7 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
     Yields
     ------
     Diagnostic
-        A place of each pair.
+        One for each pair of sheets, with a place.
     """
     sheets = [part.name for part in model.parts if part.kind == "sheet"]
     if len(sheets) < 2:
@@ -162,7 +162,7 @@ def through_sheets(model: MultiPatchModel) -> Iterator[Diagnostic]:
 
 
 def patch_samples(model: MultiPatchModel, patch: Patch) -> np.ndarray:
-    """Points in the middles of equal intervals of a patch, (n, 3) RAS mm."""
+    """Points of a patch at the middles of equal parameter intervals, (n, 3) RAS mm."""
     surface = patch.surface(model.points)
     return surface.points(*surface.midpoints(_SAMPLES, _SAMPLES))
 
@@ -181,7 +181,7 @@ def _enclosed(points: np.ndarray, bounds) -> np.ndarray:
 
 
 def _cord(model: MultiPatchModel, part: Part) -> list[Diagnostic]:
-    """Whether a cord stands on its foot and is closed."""
+    """Problems of a cord: it does not have all points of its foot's border, or is not closed."""
     foot = model.patch(part.foot)
     needed = len(np.unique(np.concatenate(list(foot.borders().values()))))
     found = share_of_points(foot, model.patches_of(part.name))
@@ -205,7 +205,7 @@ def _organs(model: MultiPatchModel) -> list[Diagnostic]:
 
 
 def _folds(model: MultiPatchModel) -> list[Diagnostic]:
-    """Patches, of which normals at neighbouring samples point to opposite sides."""
+    """Patches where normals of neighbouring samples differ by 90 degrees or more."""
     found = []
     for patch in model.patches:
         surface = patch.surface(model.points)
@@ -222,7 +222,7 @@ def _folds(model: MultiPatchModel) -> list[Diagnostic]:
 
 
 def _sizes(model: MultiPatchModel) -> list[Diagnostic]:
-    """Organs of a size that no organ has."""
+    """Organs that are too small or too large."""
     low, high = _ORGAN_SIZES
     return [
         Diagnostic("another_unit", {"part": organ, "size_mm": parent.size, "least_mm": low, "most_mm": high})
@@ -232,7 +232,7 @@ def _sizes(model: MultiPatchModel) -> list[Diagnostic]:
 
 
 def _frame(model: MultiPatchModel) -> list[Diagnostic]:
-    """Names by which x runs to the left, or y to the back."""
+    """Parts whose names contradict RAS: x runs to the left, or y to the back."""
     found = []
     places = {**{part.name: _middle(model, part) for part in model.parts}, **model.landmarks}
     for name, place in places.items():
@@ -246,7 +246,7 @@ def _frame(model: MultiPatchModel) -> list[Diagnostic]:
 
 
 def _landmarks(model: MultiPatchModel) -> list[Diagnostic]:
-    """Landmarks that lie far from everything."""
+    """Landmarks that lie far from all points of the model."""
     found = []
     for name, place in model.landmarks.items():
         away = float(np.linalg.norm(model.points - place, axis=1).min())

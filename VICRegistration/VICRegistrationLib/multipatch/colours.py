@@ -11,7 +11,7 @@ from .model import MultiPatchModel
 
 CORD_COLOUR, SHEET_COLOURS = "#2fb5c9", {"ligament": "#3f8fd2", "fascia": "#8f9ad8"}
 _OTHER_SHEET = "#b06a4f"
-# Turns of the colour wheel and lightness of a part's patches.
+# Shades of a part's patches: difference in hue, as a share of the colour wheel, and factor on the lightness.
 _SHADES = ((0.0, 1.0), (0.01, 0.72), (-0.02, 0.86), (0.02, 1.14), (-0.03, 0.6))
 
 
@@ -28,14 +28,14 @@ def part_colours(model: MultiPatchModel) -> dict[str, str]:
 
 
 def patch_colours(model: MultiPatchModel) -> dict[str, tuple[float, float, float]]:
-    """Colours (r, g, b), from 0 to 1, of the patches by their names: shades of the part's, others for neighbours."""
+    """Colours (r, g, b), from 0 to 1, of the patches by their names: shades of their part's, others for neighbours."""
     parts, found = part_colours(model), {}
     for part in model.parts:
         hue, lightness, saturation = colorsys.rgb_to_hls(*rgb(parts[part.name]))
         shade: dict[str, int] = {}
         patches = model.patches_of(part.name)
         for patch in patches:
-            # At a corner there are more patches than shades; along a border they differ.
+            # Patches with a common border get different shades; those with only a common corner may not.
             beside = {
                 shade[other.name]
                 for other in patches

@@ -1,4 +1,4 @@
-"""How an organ is cut into patches: exact pieces of its closed surface, by knot insertion."""
+"""Cutting an organ into patches: exact pieces of its closed surface, by knot insertion."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
+from ..export.step_shapes import clamped_piece, missing_knots
 from ..geometry import bspline
 from ..geometry.surface import BSplineSurface
 
 # Parameters closer than this share of the period are one knot.
 _SAME_KNOT = 1e-12
-# A seam is smooth where the periodic form misses the control points by no more than this share of the surface's size.
+# A seam is smooth if the periodic form reproduces the control points within this share of the surface's size.
 _SMOOTH_SEAM = 1e-9
 
 
@@ -24,7 +25,7 @@ class OrganCuts:
     ----------
     u : (n_columns,) array_like
         Parameters of the cuts around the tube, ascending, within one period. Column i reaches from ``u[i]`` to
-        ``u[i + 1]``, the last one on to ``u[0]``: it may lie across the seam.
+        ``u[i + 1]``, the last one to the next period's ``u[0]``: it may lie across the seam.
     v : (n_rows + 1,) array_like
         Parameters of the cuts from pole to pole, ascending, both poles included.
     names : n_columns sequences of n_rows str
@@ -65,7 +66,7 @@ class OrganCuts:
         Parameters
         ----------
         parent : BSplineSurface
-            With a seam in u and two poles.
+            Closed by a seam in u and two poles, RAS mm.
 
         Returns
         -------
@@ -74,8 +75,8 @@ class OrganCuts:
         Raises
         ------
         ValueError
-            If the surface is not closed so, the cuts in v do not reach from pole to pole, those in u go round more
-            than once, or a column lies across a seam that is not smooth.
+            If the surface is not closed like that, the cuts in v do not reach from pole to pole, those in u span more
+            than one period, or a column lies across a seam that is not smooth.
         """
         if not (parent.closed_u and all(parent.poles)):
             msg = "The surface is open or a ring; an organ needs a seam in u and a pole at each end of v."
@@ -90,7 +91,7 @@ class OrganCuts:
         return Pieces(parent.degrees, knots_u, knots_v, self, _grid_matrix(around, along))
 
     def _around(self, parent: BSplineSurface) -> tuple[np.ndarray, sparse.csr_matrix]:
-        """Knots from the first cut once round to it, and the matrix to the distinct control points between them."""
+        """Knots of one period from the first cut on, and the matrix to its distinct rows of control points."""
         degree, (low, high) = parent.degrees[0], parent.domain[0]
         period = high - low
         if self.u[0] < low - _SAME_KNOT or self.u[0] >= high or self.u[-1] >= self.u[0] + period:
@@ -106,6 +107,7 @@ class OrganCuts:
         return self._across_the_seam(parent, period)
 
     def _across_the_seam(self, parent: BSplineSurface, period: float) -> tuple[np.ndarray, sparse.csr_matrix]:
+        """Do the same for a first cut beside the seam: on three periods, without the seam's multiple knots."""
         degree = parent.degrees[0]
         breaks = parent.span_limits(0)
         n = len(breaks) - 1
@@ -123,17 +125,17 @@ class OrganCuts:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Control points of all patches of a closed surface, each once, and how they follow from it.
+    """The distinct control points of all patches of a closed surface, as a linear map of its control net.
 
     Parameters
     ----------
     degrees : (p, q)
     knots_u, knots_v : ndarray
-        Knots of the whole, with every cut as often as the degree.
+        Knots of the whole surface after the cuts were inserted, each with the degree as its multiplicity.
     cuts : OrganCuts
     matrix : (n_points, n_u * n_v) csr_matrix
-        ``matrix @ parent.control_net.reshape(-1, 3)`` are the points: first the pole at v_min, then those between the
-        poles (u-major), then the pole at v_max.
+        ``matrix @ parent.control_net.reshape(-1, 3)`` are the points: the pole at v_min, then those between the poles
+        (u-major), then the pole at v_max.
     """
 
     degrees: tuple[int, int]
@@ -161,11 +163,11 @@ class Pieces:
 
 
 def _grid_matrix(around: sparse.csr_matrix, along: sparse.csr_matrix) -> sparse.csr_matrix:
-    """Matrix from the control net to the points, with each pole once."""
+    """Matrix from the control net to the points, in which each pole is one point."""
     n_u, n_v = around.shape[0], along.shape[0]
     whole = sparse.kron(around, along, format="csr")
     inner = (np.arange(n_u)[:, None] * n_v + np.arange(1, n_v - 1)).ravel()
-    # All control points of a pole are one point: the first of them is taken as it is.
+    # All control points of a pole coincide; the first one is taken.
     columns = [0, along.shape[1] - 1]
     poles = sparse.csr_matrix(([1.0, 1.0], ([0, 1], columns)), shape=(2, whole.shape[1]))
     return sparse.vstack([poles[0], whole[inner], poles[1]], format="csr")
@@ -177,7 +179,7 @@ def _periodic_matrix(parent: BSplineSurface, breaks: np.ndarray) -> sparse.csr_m
     net = parent.control_net.reshape(len(parent.control_net), -1)
     smooth = len(knots) == len(parent.knots_u) and np.abs(knots - parent.knots_u).max() <= _SAME_KNOT
     if smooth:
-        # The rows after these follow from the period.
+        # The other rows repeat these by the period.
         inverse = np.linalg.inv(matrix[: matrix.shape[1]].toarray())
         inverse[np.abs(inverse) < _SAME_KNOT] = 0.0
         inverse = np.hstack([inverse, np.zeros((len(inverse), matrix.shape[0] - len(inverse)))])
@@ -189,25 +191,17 @@ def _periodic_matrix(parent: BSplineSurface, breaks: np.ndarray) -> sparse.csr_m
 
 
 def _snapped(cuts: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Cuts, at a knot where one is as near as rounding."""
+    """Move cuts to knots that differ from them by rounding only."""
     nearest = knots[np.abs(cuts[:, None] - knots).argmin(axis=1)]
     return np.where(np.abs(cuts - nearest) <= _SAME_KNOT * (knots[-1] - knots[0]), nearest, cuts)
 
 
 def _missing(degree: int, knots: np.ndarray, cuts: np.ndarray) -> np.ndarray:
-    """Knots to insert so that each of these is there as often as the degree."""
-    cuts = _snapped(np.asarray(cuts, dtype=float), knots)
-    return np.concatenate([np.repeat(cut, max(degree - np.count_nonzero(knots == cut), 0)) for cut in cuts])
+    """Knots to insert so that the multiplicity of each cut is the degree."""
+    return missing_knots(degree, knots, _snapped(cuts, knots))
 
 
 def _intervals(degree: int, knots: np.ndarray, cuts: np.ndarray):
     """Clamped knots and range of control points between each cut and the next, after the cuts were inserted."""
     cuts = _snapped(cuts, knots)
-    parts = []
-    for low, high in zip(cuts[:-1], cuts[1:]):
-        first = int(np.searchsorted(knots, low, side="right")) - 1
-        last = int(np.searchsorted(knots, high, side="left"))
-        inner = knots[first + 1 : last]
-        clamped = np.concatenate([np.repeat(low, degree + 1), inner, np.repeat(high, degree + 1)])
-        parts.append((clamped, slice(first - degree, last)))
-    return parts
+    return [clamped_piece(degree, knots, low, high) for low, high in zip(cuts[:-1], cuts[1:])]

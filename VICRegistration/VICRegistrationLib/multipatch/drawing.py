@@ -1,4 +1,4 @@
-"""Drawing a generic model: organs that are cut, sheets that begin at a patch's border, cords that stand on a patch."""
+"""Construction of a generic model: organs cut into patches, sheets from a border of a patch, cords from a patch."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..geometry.surface import BSplineSurface
 from .cuts import OrganCuts
 from .model import MultiPatchModel, Part, Patch, assembled
 
-# Free structures are cubic along their way, of two spans, so that a map of space can bend them.
+# Sheets and cords are cubic with two spans in the direction away from the organ, so that a map of space can bend them.
 _DEGREE = 3
 _ROWS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """A curve that a sheet begins at.
+    """A B-spline curve that a sheet begins at.
 
     Parameters
     ----------
     indices : (n,) ndarray of int
-        Its control points.
+        Indices of its control points.
     degree : int
     knots : (n + degree + 1,) ndarray
     """
@@ -35,13 +35,13 @@ class Border:
     knots: np.ndarray
 
     def positions(self) -> np.ndarray:
-        """Where each control point stands along the curve, from 0 to 1."""
+        """Return the Greville abscissae of the control points, (n,), scaled to 0 to 1."""
         places = bspline.greville_abscissae(self.degree, self.knots)
         return (places - places[0]) / (places[-1] - places[0])
 
 
 class Drawing:
-    """A model while it is drawn.
+    """A model under construction.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Drawing:
         self._fixed: dict[str, list[int]] = {}
 
     def point(self, index: int) -> np.ndarray:
-        """Return the point with that number, (3,) RAS mm."""
+        """Return the point with that index, (3,) RAS mm."""
         return self._points[index]
 
     def border(self, patch: str, side: str) -> Border:
@@ -68,7 +68,7 @@ class Drawing:
         return Border(found.borders()[side], found.degrees[axis], found.knots[axis])
 
     def line(self, first: int, last: int) -> Border:
-        """Add a straight line between two points that are there already."""
+        """Add a straight line between two points, given by their indices."""
         ends = np.array([self._points[first], self._points[last]])
         knots = bspline.uniform_clamped_knots(_DEGREE, _ROWS)
         places = bspline.greville_abscissae(_DEGREE, knots)[1:-1, None]
@@ -92,19 +92,19 @@ class Drawing:
         Parameters
         ----------
         name : str
-            Of the patch.
+            Name of the patch.
         border : Border
-            Where it begins.
+            Curve that it begins at.
         end : (k, 3) array_like
-            Points of the curve where it ends, in the order of the border, RAS mm.
+            Points on the curve that it ends at, in the order of the border, RAS mm.
         part : str
-            The sheet that it belongs to, which is added if it is new; of the patch's name, if not given.
+            Name of its sheet, which is added if it is new; by default that of the patch.
         thickness : float
-            Of the sheet, mm.
+            Thickness of the sheet, mm.
         first, last : (5,) ndarray of int, optional
-            Control points of a neighbour's side, from the border outward, that its first or last side shares.
+            Indices of a neighbour's control points, from the border outward, that its first or last side shares.
         fixed : str
-            Group of fixed points that its end belongs to.
+            Name of the place on bone that its end is fixed to.
 
         Returns
         -------
@@ -114,17 +114,17 @@ class Drawing:
         knots = bspline.uniform_clamped_knots(_DEGREE, _ROWS)
         s, t = border.positions()[:, None, None], bspline.greville_abscissae(_DEGREE, knots)[:, None]
         begin = np.array([self._points[index] for index in border.indices])[:, None]
-        way = (1.0 - t) * begin + t * _through(np.asarray(end, dtype=float), s[:, 0])[:, None]
+        net = (1.0 - t) * begin + t * _through(np.asarray(end, dtype=float), s[:, 0])[:, None]
         for place, share, side in ((0, 1.0 - s, first), (-1, s, last)):
             if side is not None:
-                way = way + share * (np.array([self._points[index] for index in side]) - way[place])
-        new = np.ones(way.shape[:2], dtype=bool)
-        indices = np.zeros(way.shape[:2], dtype=int)
+                net = net + share * (np.array([self._points[index] for index in side]) - net[place])
+        new = np.ones(net.shape[:2], dtype=bool)
+        indices = np.zeros(net.shape[:2], dtype=int)
         new[:, 0], indices[:, 0] = False, border.indices
         for place, side in ((0, first), (-1, last)):
             if side is not None:
                 new[place], indices[place] = False, side
-        indices[new] = self._add(way[new])
+        indices[new] = self._add(net[new])
         patch = Patch(name, part or name, (border.degree, _DEGREE), (border.knots, knots), indices)
         self._add_part(Part(part or name, "sheet", thickness))
         self._patches.append(patch)
@@ -142,24 +142,24 @@ class Drawing:
         bow: Sequence[float] = (0.0, 0.0, 0.0),
         fixed: str = "",
     ) -> None:
-        """Add a cord: swept from a whole patch, with four sides and a flat end.
+        """Add a cord: a patch of an organ swept along a curve, with four sides and a flat end.
 
         Parameters
         ----------
         name : str
-            Of the part.
+            Name of the part.
         foot : str
-            The organ's patch.
+            Name of the organ's patch.
         end : (3,) array_like
             Centre of its end, RAS mm.
         direction : (3,) array_like
-            In which it arrives there.
+            Direction of its axis there.
         taper : float
-            Width at its end, in widths of the foot.
+            Ratio of the widths of end and foot.
         bow : (3,) array_like
-            How far the control points between its ends are moved off the way along foot's normal and direction, mm.
+            Displacement of the two inner control points of its axis, a cubic Bezier curve, mm.
         fixed : str
-            Group of fixed points that its end belongs to.
+            Name of the place on bone that its end is fixed to.
         """
         base = self._patch(foot)
         rows = self._sections(base, np.asarray(end, dtype=float), np.asarray(direction, dtype=float), taper, bow)
@@ -184,7 +184,7 @@ class Drawing:
         self._fix(fixed, whole[-1].ravel())
 
     def model(self, *, name: str, landmarks: Mapping[str, np.ndarray]) -> MultiPatchModel:
-        """Return the model that was drawn, with named places on bone, RAS mm."""
+        """Return the model, with landmarks, RAS mm."""
         first = len(self._organs.points)
         return assembled(
             self._organs.parents,
@@ -243,7 +243,7 @@ class Drawing:
 
 
 def _through(points: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Points at s, (n, 1) from 0 to 1, of the polynomial curve through points at equal steps, (n, 3)."""
+    """Points at s, (n, 1) from 0 to 1, of the polynomial curve through points (k, 3) at equal steps: (n, 3)."""
     at = np.linspace(0.0, 1.0, len(points))
     curve = np.polynomial.polynomial.polyfit(at, points, len(points) - 1)
     return np.polynomial.polynomial.polyval(s[:, 0], curve).T

@@ -1,4 +1,4 @@
-"""How a generic model is fitted to an image: its organs to what is seen, and everything else carried along."""
+"""Fit of a generic model: its organs are fitted to an image, and a map of space moves everything else along."""
 
 from __future__ import annotations
 
@@ -31,38 +31,38 @@ from .model import MultiPatchModel
 from .organs import fit_organs
 from .placement import Placement
 
-# With fewer organs it is not known how a pelvis is turned.
+# One organ does not determine how the pelvis is turned.
 _LEAST_ORGANS = 2
-# Where the map makes space smaller than this share, what it carries is no longer like the model.
+# With a smaller Jacobian determinant of the map, the parts that it moves no longer look like those of the model.
 LEAST_DETERMINANT = 0.1
-# What a further stack is given as.
+# A further stack, as a caller may give it.
 Further = Union[Stack, Image, str, os.PathLike]
-# Where an organ is compared with its region.
+# Samples of an organ at which its distance from its region is measured, around and from pole to pole.
 _SURFACE_SAMPLES = (48, 30)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """A generic model in an image.
+    """Result of the fit of a generic model.
 
     Parameters
     ----------
     model : MultiPatchModel
-        Carried to the image, RAS mm. What the image does not show is marked as estimated in its parts, predicted
-        organs too.
+        The model in the image, RAS mm. Parts that the image does not show are marked as estimated, predicted organs
+        too.
     generic : MultiPatchModel
-        As it was before.
+        The model before the fit.
     organs : dict of str to OrganFit
-        Organs that the image shows.
+        Fits of the organs that the image shows.
     together : dict of str to BSplineSurface
-        The same as they were deformed as one, RAS mm.
+        Their surfaces after the joint deformation, before each organ's own control points moved; RAS mm.
     placement : Placement
     carry : CarryingMap
-        From the generic model's RAS mm to the image's.
+        Map from the generic model to the image, RAS mm.
     landmarks : dict of str to float
         Distances of the given landmarks from where the map puts them, mm.
     seconds : float
-        From the separated regions to the carried model.
+        Time of the fit, without separating the regions.
     """
 
     model: MultiPatchModel
@@ -104,7 +104,7 @@ class ModelFit:
 
     @cached_property
     def smallest_determinant(self) -> tuple[float, str]:
-        """By how much the map enlarges space at least, and the part where."""
+        """Least Jacobian determinant of the map at the model's parts, and the name of the part there."""
         patches = self.generic.patches
         points = [patch_samples(self.generic, patch) for patch in patches]
         found = self.carry.determinants(np.concatenate(points)).reshape(len(patches), -1).min(axis=1)
@@ -112,10 +112,10 @@ class ModelFit:
 
     @cached_property
     def sliding(self) -> dict[str, float]:
-        """How far attachments slid within their organ, mm, by the attached part.
+        """How far attachments slid along their organ, mm, by the attached part.
 
-        The mean distance, along the organ's surface, of the points that a part shares with a fitted organ from where
-        they were when all organs were deformed as one: what the organ's own control points did to them.
+        Mean displacement, tangential to the organ's surface, of the points that a part shares with fitted organs, from
+        the joint deformation to the end: what the fit by the organ's own control points did to them.
         """
         found = {}
         for organ, fit in self.organs.items():
@@ -131,7 +131,7 @@ class ModelFit:
         return {part: float(np.concatenate(values).mean()) for part, values in found.items()}
 
     def _attached(self, place: slice) -> dict[str, np.ndarray]:
-        """Points of an organ that other parts share with it."""
+        """Find the indices of an organ's points that sheets and cords share, by the name of the part."""
         found = {}
         for part in self.model.parts:
             if part.kind != "organ":
@@ -143,7 +143,7 @@ class ModelFit:
 
     @cached_property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """What to know about the result, beside what there is about each organ's fit."""
+        """Diagnostics of the result, without those of each organ's fit."""
         found = [Diagnostic("organ_predicted", {"organ": name}) for name in self.predicted]
         if self.estimated:
             found.append(Diagnostic("parts_estimated", {"parts": list(self.estimated)}))
@@ -171,20 +171,20 @@ def fit_model(
         The grey levels.
     model : MultiPatchModel
     regions : mapping of str to Region
-        Separated organs on the image's grid, by their names in the model: at least two. Others are predicted.
+        Separated organs on the image's grid, by their names in the model: at least two. The others are predicted.
     options : mapping of str to FitOptions, optional
-        Of some or all of these organs.
+        Options of some or all of these organs.
     landmarks : mapping of str to (3,) array_like, optional
-        Where landmarks of the model are in the image, RAS mm; any number of them.
+        Positions of landmarks of the model in the image, RAS mm; any number of them.
     further : sequence of Stack, Image or path, or mapping of str to such sequences, optional
-        More stacks of the patient, of all organs or of each; their own control points are fitted to them as well, see
-        :mod:`..registration.stacks`. What became of each is `OrganFit.stacks`.
+        More stacks of the patient, for all organs or for each; see :mod:`..registration.stacks`. How each was used is
+        in `OrganFit.stacks`.
 
     Yields
     ------
     JointStep
-        One for every iteration; the caller may stop between any two. Where further stacks complete a region that the
-        image cuts, its first ones are of that organ alone.
+        One for every iteration; the caller may stop between any two. While further stacks complete the region of an
+        organ that the image cuts, the steps are of that organ alone.
 
     Returns
     -------
@@ -193,9 +193,9 @@ def fit_model(
     Raises
     ------
     ValueError
-        If an organ or a landmark is none of the model's, there are less than two organs, options do not fit the model,
-        the image is of another unit or frame, a landmark is more than 30 mm from where it is expected, or stacks are
-        given of an organ without a region.
+        If the model has no such organ or landmark, there are less than two organs, options do not fit the model, the
+        image has another unit or frame, a landmark is more than 30 mm from where it is expected, or stacks are given
+        for an organ without a region.
     """
     start, image = time.perf_counter(), as_image(image)
     options = {name: (options or {}).get(name) or FitOptions() for name in regions}
@@ -242,7 +242,7 @@ def _stacks_of(
 def _predicted(
     model: MultiPatchModel, carry: CarryingMap, known: Mapping[str, BSplineSurface]
 ) -> dict[str, BSplineSurface]:
-    """Carry the organs that the image does not show; they stay closed and smooth."""
+    """Move the organs that the image does not show by the map; they stay closed and smooth."""
     found = {}
     for name, parent in model.parents.items():
         if name not in known:
@@ -253,13 +253,13 @@ def _predicted(
 
 
 def check_organs(model: MultiPatchModel, options: Mapping[str, FitOptions]) -> None:
-    """Refuse organs that a model has not, too few of them, and options that are the model's own.
+    """Refuse organs that a model does not have, too few of them, and options that the model determines.
 
     Parameters
     ----------
     model : MultiPatchModel
     options : mapping of str to FitOptions
-        Of each organ that is to be fitted.
+        Options of each organ that is to be fitted.
 
     Raises
     ------

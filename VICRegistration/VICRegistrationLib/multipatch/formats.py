@@ -1,4 +1,4 @@
-"""Formats that a model is saved in: by the ending of the file's name, and those that every fit of a model writes."""
+"""File formats of models, by the suffix, and the files that every fit of a model writes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _WRITERS = {
     ".vtp": write_model_vtp,
 }
 SUFFIXES = tuple(_WRITERS)
-# Names of the files about a model that the command line and Slicer write alike.
+# Files that the command line and Slicer write.
 MODEL, MODEL_STEP, MODEL_VTP = "model.json", "model.step", "model.vtp"
 
 
 def check_suffix(path: str | os.PathLike) -> str:
-    """Return the ending of a file's name.
+    """Return the suffix of a file.
 
     Raises
     ------
     ValueError
-        If no format of models has it.
+        If models have no such format.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
@@ -39,7 +39,7 @@ def check_suffix(path: str | os.PathLike) -> str:
 
 
 def save_model(model: MultiPatchModel, path: str | os.PathLike) -> None:
-    """Write a model in the format that the file's name asks for; see :meth:`.model.MultiPatchModel.save`."""
+    """Write a model in the format of the file's suffix; see :meth:`.model.MultiPatchModel.save`."""
     _WRITERS[check_suffix(path)](model, path)
 
 
@@ -54,9 +54,9 @@ def write_model_files(model: MultiPatchModel, folder: Path) -> tuple[list[str], 
     Returns
     -------
     names : list of str
-        Of the files that were written.
+        Names of the files that were written.
     problem : str
-        Why there is no STEP file, in a sentence; empty if there is one.
+        Sentence on why there is no STEP file; empty if there is one.
 
     Raises
     ------

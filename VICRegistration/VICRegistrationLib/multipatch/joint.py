@@ -1,8 +1,8 @@
-"""All organs of a model deformed as one: radial basis functions as the degrees of freedom of several surfaces.
+"""Joint deformation of all organs of a model: radial basis functions as degrees of freedom of several surfaces.
 
-The centres lie on the organs; their displacements q are shared by all of them. A closed organ with control net P gets
-the ordinary parametrization P + E q with E = Pi Phi(P): the cardinal functions at its control points, and the
-projection on nets that are closed and smooth. So one objective sums up the images of all organs.
+The centres lie on the organs, and all organs share the centres' displacements q. A closed organ with control net P has
+the parametrization P + E q with E = Pi Phi(P): Phi are the cardinal functions at its control points, Pi the projection
+on nets that are closed and smooth. So one objective is the sum over all organs.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from .carrying import CarryingMap
 # of 0.08 mm.
 RADIUS_MM = 80.0
 CENTERS = 32
-# Out of so many points of a surface its centres are chosen.
+# Points of a surface among which its centres are chosen.
 _CANDIDATES = (32, 20)
-# More samples of a surface than these so few functions do not need; half of them change no mean by more than 0.006 mm.
+# Most samples of a surface: half of them change no mean by more than 0.006 mm.
 _MOST_SAMPLES = (48, 30)
-# What holds displacements without support in them, as a share of the others; a hundredth of it gives the same.
+# Ridge of the least squares by which points slide, as a share of the mean diagonal; a hundredth of it gives the same.
 _RIDGE = 1e-2
 # Nugget of the map by which points slide on their surfaces, mm^2: from 0.03 to 0.3 the same. With 4 the ends of a long,
 # thin vagina lose their points, and its tip is 2.5 mm off in place of 1.4 mm.
@@ -44,7 +44,7 @@ CLOSURE = "smooth"
 
 @dataclass(frozen=True, eq=False)
 class JointStep:
-    """What is known after one iteration of all organs' fit.
+    """State after one iteration of the fit of all organs.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class JointStep:
     displacement : float
         Largest displacement of a control point, mm.
     surfaces : dict of str to BSplineSurface
-        The organs now, RAS mm.
+        The organs after this iteration, RAS mm.
     stopped_by : str
         As in :class:`.stages.Step`.
     """
@@ -70,18 +70,18 @@ class JointStep:
 
     @property
     def converged(self) -> bool:
-        """Whether the stage came to rest by its rules."""
+        """Whether the stage stopped by its stop rule."""
         return self.of(next(iter(self.surfaces))).converged
 
     def of(self, name: str) -> Step:
-        """Take the step of one organ, with the cost of all."""
+        """Return the step of one organ, with the cost of all."""
         return Step(
             self.stage, self.iteration, self.cost, self.displacement, self.surfaces[name], stopped_by=self.stopped_by
         )
 
 
 def spread_centers(surfaces: Mapping[str, BSplineSurface]) -> np.ndarray:
-    """Choose `CENTERS` points on every surface, as far from each other as can be.
+    """Choose `CENTERS` points on every surface, each the farthest one from those before.
 
     Parameters
     ----------
@@ -106,17 +106,17 @@ def spread_centers(surfaces: Mapping[str, BSplineSurface]) -> np.ndarray:
 
 
 class JointSpace:
-    """Surfaces that move together.
+    """Closed organs with common degrees of freedom.
 
     Parameters
     ----------
     surfaces : mapping of str to BSplineSurface
-        Closed organs as they are placed, RAS mm.
+        The organs after placement, RAS mm.
 
     Attributes
     ----------
     surfaces : dict of str to SampledSurface
-        With the same degrees of freedom in all of them.
+        Each with the common degrees of freedom.
     """
 
     def __init__(self, surfaces: Mapping[str, BSplineSurface]) -> None:
@@ -131,11 +131,16 @@ class JointSpace:
         return SampledSurface(space, SampleGrid.on(surface, shape), use_sparse=False)
 
     def nearest(self, nets: Mapping[str, np.ndarray]) -> dict[str, BSplineSurface]:
-        """Surfaces whose control nets come nearest to others in least squares, each organ counted alike.
+        """Fit the degrees of freedom to control nets by least squares, with equal weights of the organs.
 
         Parameters
         ----------
         nets : mapping of str to (n_u, n_v, 3) ndarray
+            RAS mm.
+
+        Returns
+        -------
+        dict of str to BSplineSurface
             RAS mm.
         """
         left, right = [], []
@@ -147,39 +152,44 @@ class JointSpace:
         q = np.linalg.lstsq(np.vstack(left), np.vstack(right), rcond=None)[0].T.ravel()
         return {name: sampled.parametrization.deform(q) for name, sampled in self.surfaces.items()}
 
-    def evened(self, surfaces: Mapping[str, BSplineSurface]) -> dict[str, BSplineSurface]:
-        """Let points slide within their surfaces to where the map that bends space least puts them.
+    def with_slid_points(self, surfaces: Mapping[str, BSplineSurface]) -> dict[str, BSplineSurface]:
+        """Move points within their surfaces to where the map with the least bending energy puts them.
 
-        Moments and nearest points bring surfaces to their places, and say little of where on them a point belongs.
-        On six known maps points are 1.9 mm off within their surfaces without this and 1.2 mm with it, and the control
-        points of ligaments and fasciae 1.9 to 2.6 mm in place of 1.8 to 2.4 mm.
+        Moments and nearest points place the surfaces, but hardly determine which point of the model corresponds to
+        which point of a surface. On six known maps points are 1.9 mm off within their surfaces without this and 1.2 mm
+        with it, and the control points of ligaments and fasciae 1.9 to 2.6 mm in place of 1.8 to 2.4 mm.
 
         Parameters
         ----------
         surfaces : mapping of str to BSplineSurface
-            Reached by the degrees of freedom.
+            Deformed by the degrees of freedom, RAS mm.
+
+        Returns
+        -------
+        dict of str to BSplineSurface
+            RAS mm.
         """
         placed = {name: sampled.parametrization.surface for name, sampled in self.surfaces.items()}
         carry = CarryingMap(placed, surfaces, nugget=_NUGGET)
         starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
-        pulls = []
+        wanted = []
         for name, start in starts.items():
             basis, points = _samples(start)
             _, model = _samples(self.surfaces[name])
-            pulls.append((basis, closest_points(surfaces[name], carry(model)).points - points))
-        return _pulled(starts, pulls)
+            wanted.append((basis, closest_points(surfaces[name], carry(model)).points - points))
+        return _displaced(starts, wanted)
 
     def run(
         self, stages: Mapping[str, Stage], surfaces: Mapping[str, BSplineSurface]
     ) -> Generator[JointStep, None, tuple[dict[str, BSplineSurface], dict[str, float]]]:
-        """Run one stage of all organs from surfaces on; energies are counted from these.
+        """Run one stage for all organs, starting at surfaces, where the energies are zero.
 
         Parameters
         ----------
         stages : mapping of str to Stage
             The same stage of every organ.
         surfaces : mapping of str to BSplineSurface
-            Reached by the degrees of freedom.
+            Deformed by the degrees of freedom, RAS mm.
 
         Yields
         ------
@@ -189,7 +199,7 @@ class JointSpace:
         -------
         surfaces : dict of str to BSplineSurface
         costs : dict of str to float
-            Of each organ, at the end.
+            Cost of each organ at the end.
         """
         starts = {name: self.surfaces[name].at(surface) for name, surface in surfaces.items()}
         objectives = {name: stages[name].objective(start) for name, start in starts.items()}
@@ -207,36 +217,36 @@ class JointSpace:
 
 
 def _samples(surface: SampledSurface) -> tuple[np.ndarray, np.ndarray]:
-    """Functions by which one coordinate of a surface's samples moves, (n, m), and the samples, (n, 3) mm."""
+    """Matrix from one coordinate's degrees of freedom to a surface's samples, (n, m), and the samples, (n, 3) mm."""
     motion = surface.grid.motion(surface.parametrization.matrices[0], dense=True)[0]
     return motion, surface.frame(np.zeros(surface.n_dof)).points
 
 
-def _pulled(
-    starts: Mapping[str, SampledSurface], pulls: list[tuple[np.ndarray, np.ndarray]]
+def _displaced(
+    starts: Mapping[str, SampledSurface], wanted: list[tuple[np.ndarray, np.ndarray]]
 ) -> dict[str, BSplineSurface]:
-    """Move surfaces by least squares over pulls: functions of samples (n, m), and offsets (n, 3) to their goals, mm."""
-    left = sum(functions.T @ functions / len(functions) for functions, _ in pulls)
-    right = sum(functions.T @ offsets / len(functions) for functions, offsets in pulls)
+    """Displace surfaces by least squares, given the matrix (n, m) and wanted displacements (n, 3) of samples, mm."""
+    left = sum(matrix.T @ matrix / len(matrix) for matrix, _ in wanted)
+    right = sum(matrix.T @ displacements / len(matrix) for matrix, displacements in wanted)
     ridge = _RIDGE * np.trace(left) / len(left)
     q = np.linalg.solve(left + ridge * np.eye(len(left)), right).T.ravel()
     return {name: start.parametrization.deform(q) for name, start in starts.items()}
 
 
 def projected(surface: BSplineSurface, columns: np.ndarray) -> np.ndarray:
-    """Project displacements of control points on those that leave an organ closed and smooth.
+    """Project displacements of control points on those that keep an organ closed and smooth.
 
     Parameters
     ----------
     surface : BSplineSurface
         A closed organ.
     columns : (n_u * n_v, m) ndarray
-        Displacements along one coordinate, m of them.
+        m displacements along one coordinate.
 
     Returns
     -------
     (n_u * n_v, m) ndarray
-        The nearest ones in least squares.
+        The nearest such displacements in least squares.
     """
     free = closed_organ(surface, closure=CLOSURE).matrices[0].tocsc()
     return free @ sparse_linalg.splu((free.T @ free).tocsc()).solve(free.T @ columns)

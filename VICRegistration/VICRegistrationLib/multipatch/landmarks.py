@@ -1,4 +1,4 @@
-"""Landmarks: named places on bone, which hold a model where it lies far from its organs."""
+"""Landmarks: named points on bone, which guide the fit of a model where it is far from organs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..files import reason
 from ..frames import RAS_TO_LPS
 from .model import MultiPatchModel
 
-# Farther from where the organs put it, a landmark is another one, or in another frame.
+# A landmark farther than this from its position by the organs alone has a wrong name or frame.
 LARGEST_DISTANCE_MM = 30.0
 
 
@@ -23,7 +23,7 @@ def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
     Parameters
     ----------
     path : path
-        A point list of Slicer (.mrk.json), whose labels are the names; or a JSON object of names with R, A, S in mm.
+        A point list of Slicer (.mrk.json) with the names as labels, or a JSON object of names with R, A, S in mm.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
     OSError
         If the file cannot be read.
     ValueError
-        If it is no such file, or a name is there twice.
+        If it is no such file, or a name occurs twice.
     """
     path = Path(path)
     try:
@@ -62,7 +62,7 @@ def read_landmarks(path: str | os.PathLike) -> dict[str, np.ndarray]:
 
 
 def _of_slicer(content: Mapping[str, object], path: Path) -> list[tuple[str, object]]:
-    """Labels and places of the points that are placed, RAS mm."""
+    """Labels and positions of the points that have a position, RAS mm."""
     pairs = []
     try:
         for markup in content["markups"]:
@@ -97,14 +97,19 @@ def check_names(model: MultiPatchModel, landmarks: Mapping[str, np.ndarray]) -> 
 
 
 def check_distances(landmarks: Mapping[str, np.ndarray], expected: np.ndarray) -> None:
-    """Refuse landmarks that are far from where the organs put them.
+    """Refuse landmarks that are far from where they are expected.
 
     Parameters
     ----------
     landmarks : mapping of str to (3,) ndarray
         RAS mm.
     expected : (n, 3) ndarray
-        Where the map by the organs alone puts them, RAS mm.
+        Their positions by the map that follows from the organs alone, RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If one is more than `LARGEST_DISTANCE_MM` away.
     """
     away = np.linalg.norm(np.array(list(landmarks.values())) - expected, axis=1)
     worst = int(away.argmax())

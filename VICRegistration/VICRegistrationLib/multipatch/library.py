@@ -10,17 +10,17 @@ from .model import MultiPatchModel
 from .pelvis import pelvis
 
 DEFAULT = "pelvis"
-# A model that ships is a function that draws it, and a name.
+# Functions that draw the models that ship, by name.
 MODELS = {DEFAULT: pelvis, "pelvis-fine": partial(pelvis, fine=True)}
 
 
 def find_model(name: str | os.PathLike = DEFAULT) -> MultiPatchModel:
-    """Draw a model that ships, or read one.
+    """Return a model that ships, or read one from a file.
 
     Parameters
     ----------
     name : str or path
-        A name in `MODELS`, or a file.
+        A name in `MODELS`, or the path of a file.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Meshes of models by gmsh: tetrahedra of organs and cords, triangles of sheets, with common nodes where they meet.
 
-All patches are one shell, of which faces share their edges, so that gmsh needs to cut nothing and conforming parts
-follow by themselves. What passes through something else is not cut there; a note reports it.
+All patches are faces of one shell that share their edges, so that parts have common nodes without cutting. Parts that
+pass through each other are not cut either; a note reports them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from ..export.step import Solid, validate_solids
 from ..frames import RAS_TO_LPS
 from ..geometry import bspline
-from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, scaled_jacobians, volumes
+from ..meshing.elements import TRIANGLE_EDGES, TetrahedralMesh, poor_element, volumes
 from ..meshing.organ_meshes import keeping_volumes, refuse_inverted
 from ..meshing.process import PATCH_WORKER, require_gmsh, run_worker
 from ..meshing.regions import MeshOptions, field_file
@@ -27,7 +27,7 @@ from .second_order import with_middles
 from .step import faces_step_text
 from .topology import Side, shell, sides
 
-# Below this scaled Jacobian another way of meshing is tried; where none is better, the part is named.
+# Below this scaled Jacobian other algorithms are tried; if none is better, a note names the part.
 LEAST_QUALITY = 0.1
 
 
@@ -43,9 +43,9 @@ def mesh_model(
     ----------
     model : MultiPatchModel
     options : MeshOptions, optional
-        Neither with a wall nor with patches: a model has its own.
+        Without a wall and without a number of patches.
     on_progress : callable, optional
-        Gets a line about what is being done. If it raises, gmsh is ended.
+        Called with one line on what is being done. If it raises, gmsh is ended.
 
     Returns
     -------
@@ -56,10 +56,9 @@ def mesh_model(
     Raises
     ------
     ValueError
-        If the model is not in mm or does not hold together, an organ is no valid solid, or an option is not for models.
+        If the model is not in mm, a part is not attached, an organ is no valid solid, or an option does not apply.
     MeshingError
-        With one sentence, if gmsh is not installed, crashes, takes too long, or returns nothing or a mesh that is
-        wrong.
+        If gmsh is not installed, crashes, takes too long, or returns nothing or a wrong mesh.
     """
     options, say = options or MeshOptions(), on_progress or (lambda line: None)
     if options.wall is not None or tuple(options.patches) != (1, 1):
@@ -98,7 +97,7 @@ def solid_volume(model: MultiPatchModel, part: Part) -> float:
 def _run(
     model: MultiPatchModel, solids: list[Part], options: MeshOptions, scale: float, end: float, say
 ) -> Mapping[str, np.ndarray]:
-    """Run gmsh; what it has found, in LPS."""
+    """Run gmsh; returns its arrays, in LPS."""
     say("choosing the sizes of the elements")
     error = options.volume_error * scale**2
     parents = list(model.parents.values())
@@ -121,7 +120,7 @@ def _run(
 
 
 def fixed_sides(model: MultiPatchModel) -> list[tuple[Side, str]]:
-    """Borders of patches that are fixed to bone as a whole, with the place."""
+    """Borders of patches whose points are all fixed to bone, with the name of the place."""
     found = {}
     for place, group in model.fixed.items():
         for patch in model.patches:
@@ -132,7 +131,7 @@ def fixed_sides(model: MultiPatchModel) -> list[tuple[Side, str]]:
 
 
 def _middle_of(model: MultiPatchModel, side: Side) -> np.ndarray:
-    """Point in the middle of the parameters of a border."""
+    """Point of a border at the middle of its parameters, (3,)."""
     degree, knots = side.patch.degrees[side.axis], side.patch.knots[side.axis]
     row = side.patch.borders()[side.name]
     return (bspline.collocation(degree, knots, [(knots[0] + knots[-1]) / 2.0]) @ model.points[row])[0]
@@ -141,8 +140,8 @@ def _middle_of(model: MultiPatchModel, side: Side) -> np.ndarray:
 def _assembled(
     model: MultiPatchModel, solids: list[Part], arrays: Mapping[str, np.ndarray], exact: Mapping[str, float], order: int
 ) -> TetrahedralMesh:
-    """Put what gmsh has found into groups."""
-    # Triangles are turned as the normals of their faces are: out of the part that the patch belongs to.
+    """Make a mesh with groups of the arrays from gmsh."""
+    # gmsh orients triangles by the normals of their faces, which point out of the part that the patch belongs to.
     points, tetrahedra, triangles = arrays["points"] * RAS_TO_LPS, arrays["tetrahedra"], arrays["triangles"]
     notes = []
     if order == 2:
@@ -177,7 +176,7 @@ def _assembled(
 def _fixed_nodes(
     model: MultiPatchModel, arrays: Mapping[str, np.ndarray], triangles: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Nodes on patches and borders that are fixed to bone as a whole, by the place."""
+    """Nodes on patches and borders whose points are all fixed to bone, by the name of the place."""
     found: dict[str, list[np.ndarray]] = {place: [] for place in model.fixed}
     numbers = {patch.name: number for number, patch in enumerate(model.patches)}
     for number, (side, place) in enumerate(fixed_sides(model)):
@@ -191,7 +190,7 @@ def _fixed_nodes(
 
 
 def _middles_between(ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Nodes in the middles of a patch's outer edges between given nodes; none of linear triangles."""
+    """Middle nodes of a patch's outer edges between given nodes; none for linear triangles."""
     edges = triangles[:, TRIANGLE_EDGES].reshape(-1, 2)
     middles = triangles[:, 3:].ravel()
     _, inverse, counts = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
@@ -200,12 +199,6 @@ def _middles_between(ends: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _poor(points, tetrahedra, groups: Mapping[str, np.ndarray]) -> list[Diagnostic]:
-    """Parts with badly shaped elements."""
-    jacobian, found = scaled_jacobians(points, tetrahedra), []
-    for name, rows in groups.items():
-        worst = rows[int(np.argmin(jacobian[rows]))]
-        if jacobian[worst] < LEAST_QUALITY:
-            place = dict(zip("ras", points[tetrahedra[worst, :4]].mean(axis=0).tolist()))
-            shape = {"part": name, "jacobian": float(jacobian[worst]), "good": LEAST_QUALITY}
-            found.append(Diagnostic("poor_element_of_part", {**place, **shape}))
-    return found
+    """Report the worst element of each part that has one below the least quality."""
+    worst = {name: poor_element(points, tetrahedra[rows], LEAST_QUALITY) for name, rows in groups.items()}
+    return [Diagnostic("poor_element_of_part", {"part": name, **found}) for name, found in worst.items() if found]

@@ -1,4 +1,4 @@
-"""A model of several organs and of what holds them: named patches that share their control points."""
+"""A model of several organs and their supporting structures: named patches that share control points."""
 
 from __future__ import annotations
 
@@ -19,20 +19,25 @@ KINDS = ("organ", "sheet", "cord")
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What patches belong to.
+    """An anatomical structure: one or several patches.
 
     Parameters
     ----------
     name : str
     kind : {"organ", "sheet", "cord"}
-        An organ is cut from a closed surface; a sheet (fascia, broad ligament, floor) is open and has a thickness; a
-        cord is a solid that stands on a patch of an organ.
+        The patches of an organ are pieces of a closed surface. A sheet (fascia, broad ligament, pelvic floor) is open
+        and has a thickness. A cord is a solid whose first section is a patch of an organ, its foot.
     thickness : float, optional
-        Of a sheet, mm.
+        Thickness of a sheet, mm.
     estimated : bool, optional
-        Whether the image does not show it. All but organs, if not given.
+        True if images do not show the part. By default true for sheets and cords, false for organs.
     foot : str
-        Of a cord: the name of the organ's patch that it stands on.
+        Name of the organ's patch that a cord begins at.
+
+    Raises
+    ------
+    ValueError
+        If the kind is unknown, a sheet has no positive thickness, or a cord no foot.
     """
 
     name: str
@@ -42,7 +47,7 @@ class Part:
     foot: str = ""
 
     def __post_init__(self) -> None:
-        """Check the kind, and what belongs to it."""
+        """Check the kind, and that a sheet has a thickness and a cord a foot."""
         if self.kind not in KINDS:
             msg = f"The part {self.name!r} is of the kind {self.kind!r}; choose one of {', '.join(KINDS)}."
             raise ValueError(msg)
@@ -56,25 +61,30 @@ class Part:
             object.__setattr__(self, "estimated", self.kind != "organ")
 
     def labelled(self, name: str = "") -> str:
-        """Return its name, or that of one of its patches, with " (estimated)" where the image does not show it."""
+        """Return the part's name, or the given name of a patch of it, with " (estimated)" if images do not show it."""
         return (name or self.name) + (" (estimated)" if self.estimated else "")
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A B-spline patch over points that it shares with its neighbours.
+    """A B-spline patch, whose control points are points of its model.
 
     Parameters
     ----------
     name : str
-        The only one of that name in its model.
+        Unique in the model.
     part : str
         Name of the part that it belongs to.
     degrees : (p, q)
     knots : (u, v) of ndarray
         Clamped knot vectors.
     indices : (n_u, n_v) ndarray of int
-        Its control points, by their number in the model's points.
+        Its control points: rows of the model's ``points``.
+
+    Raises
+    ------
+    ValueError
+        If knots and indices do not fit together.
     """
 
     name: str
@@ -98,25 +108,24 @@ class Patch:
         object.__setattr__(self, "indices", indices)
 
     def surface(self, points: np.ndarray) -> BSplineSurface:
-        """Return the patch over the model's points, (N, 3) RAS mm, as an open surface."""
+        """Return the patch as an open surface, for the model's points (N, 3), RAS mm."""
         return BSplineSurface(self.degrees, *self.knots, np.asarray(points)[self.indices])
 
     def borders(self) -> dict[str, np.ndarray]:
         """Return indices of the control points along its borders, by "u_min", "u_max", "v_min" and "v_max"."""
-        rows = self.indices
-        return {"u_min": rows[0], "u_max": rows[-1], "v_min": rows[:, 0], "v_max": rows[:, -1]}
+        return borders_of(self.indices)
 
 
 @dataclass(frozen=True, eq=False)
 class MultiPatchModel:
-    """Organs, ligaments, fasciae and muscles as patches over one array of points; make one by :func:`assembled`.
+    """Organs, ligaments, fasciae and muscles as patches over one array of points; made by :func:`assembled`.
 
-    Patches that share a border share its points, so that any map of the points leaves the model watertight.
+    Patches with a common border share the control points there, so that the model stays watertight when points move.
 
     Parameters
     ----------
     points : (N, 3) ndarray
-        Control points, RAS mm: those of the organs, one organ after the other, then the free ones.
+        Control points, RAS mm: those of each organ, then the free points, which belong to no organ.
     patches : tuple of Patch
     parts : tuple of Part
     parents : dict of str to BSplineSurface
@@ -124,14 +133,14 @@ class MultiPatchModel:
     cuts : dict of str to OrganCuts
         How each organ is cut into patches.
     fixed : dict of str to (n,) ndarray of int
-        Points that are fixed to bone, by the name of the place.
+        Indices of the points that are fixed to bone, by the name of the place.
     landmarks : dict of str to (3,) ndarray
-        Named places on bone, RAS mm.
+        Named points on bone, RAS mm.
     name : str
 
     Examples
     --------
-    The pelvis that ships, with what no image shows marked as estimated:
+    The pelvis that ships; parts that no image shows are marked as estimated:
 
     >>> from VICRegistrationLib import find_model
     >>> model = find_model("pelvis")
@@ -170,11 +179,11 @@ class MultiPatchModel:
         return next(patch for patch in self.patches if patch.name == name)
 
     def patches_of(self, part: str) -> tuple[Patch, ...]:
-        """Patches of a part, a cord's foot not included."""
+        """Patches of a part. The foot of a cord is a patch of the organ, and not among them."""
         return tuple(patch for patch in self.patches if patch.part == part)
 
     def indices_of(self, part: str) -> np.ndarray:
-        """Numbers of the points of a part, ascending: also of those that it shares with others."""
+        """Sorted indices of all points of a part, those that it shares with others too."""
         return np.unique(np.concatenate([patch.indices.ravel() for patch in self.patches_of(part)]))
 
     def surface(self, patch: str) -> BSplineSurface:
@@ -182,7 +191,7 @@ class MultiPatchModel:
         return self.patch(patch).surface(self.points)
 
     def ranges(self) -> dict[str, slice]:
-        """Where each organ's points stand; the free points come after the last of them."""
+        """Rows of ``points`` that belong to each organ, by its name."""
         first, places = 0, {}
         for organ, matrix in self._matrices.items():
             places[organ] = slice(first, first + matrix.shape[0])
@@ -191,7 +200,7 @@ class MultiPatchModel:
 
     @property
     def first_free(self) -> int:
-        """Number of the first point that belongs to no organ."""
+        """Index of the first free point."""
         return max(place.stop for place in self.ranges().values())
 
     def organ_matrix(self, organ: str) -> sparse.csr_matrix:
@@ -208,19 +217,19 @@ class MultiPatchModel:
         Parameters
         ----------
         path : path
-            Its ending chooses the format: .json (the model, nothing is lost), .step or .stp (exact faces, for CAD),
-            .vtp (triangles that know their patch), .png (a picture). Its folder must exist.
+            The suffix chooses the format: .json (the whole model), .step or .stp (exact faces, for CAD), .vtp
+            (triangles with the names of their patches), .png (a picture). The folder must exist.
 
         Raises
         ------
         ValueError
-            If no format has this ending, or a part is no valid solid (STEP).
+            If the suffix is of no such format, or a part is no valid solid (STEP).
         OSError
             If the file cannot be written; a file of that name is left as it was.
         RuntimeError
             If a picture is asked for and matplotlib is not installed.
         """
-        # The formats stand on models, so that they cannot be imported before this class is there.
+        # Imported here, because the formats import this module.
         from .formats import save_model
 
         save_model(self, path)
@@ -228,15 +237,15 @@ class MultiPatchModel:
     def carried(
         self, parents: Mapping[str, BSplineSurface], carry: Callable[[np.ndarray], np.ndarray]
     ) -> MultiPatchModel:
-        """Move the model to another pelvis.
+        """Deform the model to another pelvis.
 
         Parameters
         ----------
         parents : mapping of str to BSplineSurface
-            The closed surface of every organ there, with the degrees and knots that it has here.
+            Closed surface of every organ in the other pelvis, RAS mm, with the same degrees and knots as here.
         carry : callable
-            From points (n, 3) here to points (n, 3) there, RAS mm: moves the points that belong to no organ, and the
-            landmarks. What sheets and cords share with an organ follows the organ.
+            Maps points (n, 3) of this pelvis to the other one, RAS mm. It moves the free points and the landmarks; the
+            points that sheets and cords share with an organ follow the organ.
 
         Returns
         -------
@@ -268,6 +277,11 @@ class MultiPatchModel:
         return replace(self, points=np.concatenate(points), parents=parents, landmarks=landmarks)
 
 
+def borders_of(grid: np.ndarray) -> dict[str, np.ndarray]:
+    """Return views of the outer rows of a grid (n_u, n_v, ...), by "u_min", "u_max", "v_min" and "v_max"."""
+    return {"u_min": grid[0], "u_max": grid[-1], "v_min": grid[:, 0], "v_max": grid[:, -1]}
+
+
 def assembled(
     parents: Mapping[str, BSplineSurface],
     cuts: Mapping[str, OrganCuts],
@@ -279,14 +293,14 @@ def assembled(
     landmarks: Mapping[str, np.ndarray] | None = None,
     name: str = "",
 ) -> MultiPatchModel:
-    """Make a model of organs' surfaces with their cuts, and of free patches.
+    """Make a model of closed surfaces, the cuts that divide them into patches, and further patches.
 
     Parameters
     ----------
     parents, cuts, parts, fixed, landmarks, name
         As in :class:`MultiPatchModel`.
     free_points : (n, 3) array_like
-        Control points that belong to no organ, RAS mm. In indices they come after those of all organs.
+        Control points that belong to no organ, RAS mm. They are numbered after those of all organs.
     free_patches : sequence of Patch
         Patches of sheets and cords.
 
@@ -297,7 +311,7 @@ def assembled(
     Raises
     ------
     ValueError
-        If an organ cannot be cut so, a name is missing or there twice, or an index is out of range.
+        If an organ cannot be cut like that, a name is missing or used twice, or an index is out of range.
     """
     organs = [part.name for part in parts if part.kind == "organ"]
     if sorted(organs) != sorted(parents) or sorted(organs) != sorted(cuts):
@@ -342,7 +356,7 @@ def _pieces(organ: str, cuts: OrganCuts, parent: BSplineSurface) -> Pieces:
 
 
 def _check(model: MultiPatchModel) -> None:
-    """Refuse names that are missing or there twice, indices without a point, and numbers that are none."""
+    """Refuse missing and repeated names, indices out of range, and coordinates that are not finite."""
     names = [part.name for part in model.parts]
     for kind, given in (("part", names), ("patch", [patch.name for patch in model.patches])):
         twice = sorted({name for name in given if given.count(name) > 1})

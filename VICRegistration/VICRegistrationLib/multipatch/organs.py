@@ -1,15 +1,15 @@
 """The organs of a generic model, fitted to an image: placed, deformed as one, and each by itself at last.
 
 1. *Place* all organs by the moments of their regions, see :mod:`.placement`.
-2. *Deform* them as one by radial basis functions, see :mod:`.joint`, on the regions, then on the grey levels, coarse
+2. *Deform* them jointly by radial basis functions, see :mod:`.joint`, on the regions, then on the grey levels, coarse
    and fine. In between, points slide on their surfaces to where space bends least.
-3. *Register* each organ with its own control points, again on its region and on the grey levels: they reach sharp ends
-   that the functions of all organs do not, and that are lost to the grey levels once a surface is far from them.
+3. *Register* each organ with its own control points, again on its region and on the grey levels: these fit sharp ends
+   that the radial basis functions cannot, and whose edges the grey levels do not show to a surface far from them.
 
-Further stacks complete the region of an organ that the image cuts. Once all organs were deformed as one on the image
-alone, each is aligned with the stacks by its own surface; then one cost sums over all organs and over all stacks that
-show each, and after that an organ's own control points are fitted to these. A stack that contradicts the image in the
-end is left out of that organ, and what followed from it is done again.
+Further stacks complete the region of an organ that the image cuts. After the joint deformation on the image alone, the
+stacks are aligned with each organ's surface. Then the joint deformation goes on with the sum over all organs and all
+stacks that show them, and each organ's own control points are fitted to these too. If a stack contradicts the image at
+the end, it is left out for that organ, and the steps from the alignment on are done again.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _SLIDING = 0.1
 
 @dataclass(frozen=True, eq=False)
 class _Organ:
-    """One organ while it is fitted; its whole region goes beyond the image where stacks have completed it."""
+    """One organ during the fit. The whole region reaches beyond the image if stacks have completed it."""
 
     region: Region
     whole: Region
@@ -78,9 +78,9 @@ def fit_organs(
     regions : mapping of str to Region
         Separated organs on the image's grid, at least two of them.
     options : mapping of str to FitOptions
-        Of each of these; net, closure and generic model are those of the parents.
+        Options of each of these; net, closure and generic model are those of the parents.
     stacks : mapping of str to sequence of Stack
-        Further stacks of each of these, with images that are read.
+        Further stacks of each of these, whose images are in memory.
 
     Yields
     ------
@@ -91,7 +91,7 @@ def fit_organs(
     -------
     fits : dict of str to OrganFit
     together : dict of str to BSplineSurface
-        The organs as they were deformed as one, before their own control points moved; RAS mm.
+        The organs after the joint deformation, before their own control points moved; RAS mm.
     placement : Placement
 
     Raises
@@ -114,7 +114,7 @@ def fit_organs(
     while True:
         planned, together = yield from _on_all_stacks(space, organs, alone)
         outcomes = yield from _each_registered(planned, placed, together)
-        # Of every organ, so that all of them lose what contradicts at once.
+        # A sum, not any(): every organ leaves out what contradicts it before all are fitted again.
         if not sum(organ.stacks.leave_out_contradicting() for organ in organs.values()):
             break
     fits, shown = {}, {name: organ.history[-1].surface for name, organ in planned.items()}
@@ -127,7 +127,7 @@ def fit_organs(
 def _planned(
     image: Image, name: str, region: Region, asked: FitOptions, parent: BSplineSurface, stacks: tuple[Stack, ...]
 ) -> Generator[JointStep, None, _Organ]:
-    """Plan the fit of an organ in RAS mm, the frame that all of them share; stacks complete a region that is cut."""
+    """Plan the fit of an organ in the common frame, RAS mm; further stacks complete a region that is cut."""
     history: list[Step] = []
     whole = region
     if stacks and region.touches_border:
@@ -146,7 +146,7 @@ def _deformed_as_one(
     keys: Sequence[str],
     suffix: str = "",
 ) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
-    """Deform all organs as one; after the coarse stage, what follows the images is chosen, and points slide."""
+    """Deform all organs jointly; after the coarse stage, automatic options are chosen, and points slide."""
     for key in keys:
         stages = {}
         for name, organ in organs.items():
@@ -155,14 +155,14 @@ def _deformed_as_one(
         surfaces, costs = yield from _in_histories(space.run(stages, surfaces), organs)
         if key == "coarse":
             organs = {name: _chosen(organ, costs[name]) for name, organ in organs.items()}
-            surfaces = space.evened(surfaces)
+            surfaces = space.with_slid_points(surfaces)
     return organs, surfaces
 
 
 def _on_all_stacks(
     space: JointSpace, organs: dict[str, _Organ], surfaces: dict[str, BSplineSurface]
 ) -> Generator[JointStep, None, tuple[dict[str, _Organ], dict[str, BSplineSurface]]]:
-    """Align each organ with the further stacks, and deform all as one on those that show them, if there are any."""
+    """Align the further stacks with each organ, and deform all jointly on those that show them, if any do."""
     schedules = {name: organ.stacks.beside(organ.schedule, surfaces[name]) for name, organ in organs.items()}
     organs = {name: replace(organ, schedule=schedules[name]) for name, organ in organs.items()}
     if not any(schedule.views for schedule in schedules.values()):
@@ -182,7 +182,7 @@ def _in_histories(steps, organs: Mapping[str, _Organ]):
 
 
 def _beside_others(steps, name: str, surfaces: Mapping[str, BSplineSurface]):
-    """Show steps of one organ beside the others, which stay; returns what the steps return."""
+    """Turn steps of one organ into joint steps with the other surfaces as they are; returns what the steps return."""
 
     def beside(step: Step) -> JointStep:
         shown, stage = {**surfaces, name: step.surface}, f"{name}, {step.stage}"
@@ -200,7 +200,7 @@ def _chosen(organ: _Organ, cost: float) -> _Organ:
 def _each_registered(
     organs: Mapping[str, _Organ], placed: Mapping[str, BSplineSurface], together: dict[str, BSplineSurface]
 ) -> Generator[JointStep, None, dict[str, Outcome]]:
-    """Register each organ with its own control points, from the surfaces that all of them together have led to."""
+    """Register each organ with its own control points, starting at the surfaces of the joint deformation."""
     outcomes, surfaces = {}, together
     for name, organ in organs.items():
         steps = recorded(_registered(organ, placed[name], together[name]), organ.history)

@@ -1,4 +1,4 @@
-"""The generic model that ships: a female pelvis drawn from the demo's organs, with what holds them.
+"""The generic model that ships: a female pelvis, of the demo's organs and the structures that support them.
 
 Textbook anatomy, simplified: ligaments, fasciae and the pelvic floor cannot be seen in MRI, and their places follow the
 three levels of support of the vagina. Level 1: uterosacral and cardinal ligaments hold its top. Level 2: pubocervical
@@ -25,21 +25,22 @@ from .cuts import OrganCuts
 from .drawing import Drawing
 from .model import MultiPatchModel
 
-# Cuts around the tubes in sixteenths of a turn, from the right (0) over the front (4): at knots of the net 17x13.
+# Where the column of each name begins around the tube, in sixteenths of a turn from the right (0) over the front (4):
+# at knots of the net 17x13.
 _AROUND = {
     "bladder": {"right anterior": 2, "anterior": 3, "left anterior": 5, "left": 6, "posterior": 10, "right": 14},
     "vagina": {"anterior": 2, "left": 6, "left posterior": 10, "posterior": 11, "right posterior": 13, "right": 14},
     "rectum": {"anterior": 2, "left": 6, "posterior": 10, "right": 14},
 }
-# Cuts from the lower to the upper pole in tenths.
+# Where the row of each name begins, in tenths of the way from the lower to the upper pole.
 _UPWARD = {
     "bladder": {"outlet": 0, "neck": 1, "base": 2, "body": 4, "dome": 7},
     "vagina": {"introitus": 0, "wall": 2, "fornix": 6, "vault": 8},
     "rectum": {"anorectal": 0, "lower": 2, "middle": 4, "upper": 6, "rectosigmoid": 8},
 }
-# Nets of the fine version. Cut so, the organs have the numbers of control points of table 3 of the paper, each point
-# counted once: 4608, 1017; 1094 for the rectum. m points around and k rows between two poles are m k + 2 points, and
-# 1096 = 8 * 137 is no product of what 4 columns and 5 rows of cubic patches need, 12 around and 14 between.
+# Nets of the fine version. With the cuts above, bladder and vagina have the numbers of control points of table 3 of the
+# paper, 4608 and 1017; the rectum has 1094 in place of 1098. With m points around and k rows between two poles an organ
+# has m k + 2 points. 1096 = 8 * 137, but 4 columns and 5 rows of cubic patches need m >= 12 and k >= 14.
 FINE_NETS = {"bladder": (77, 43), "vagina": (18, 22), "rectum": (31, 16)}
 # Thicknesses of sheets, mm. In MRI of women the iliococcygeal part of the levator ani is 2.9 mm thick (standard
 # deviation 0.8 mm) [2]_, the rectovaginal septum 2.2 to 2.8 mm (1.2 to 1.7 mm) [3]_. Of the others no measurement was
@@ -75,8 +76,8 @@ def pelvis(*, fine: bool = False) -> MultiPatchModel:
     Returns
     -------
     MultiPatchModel
-        Bladder, vagina and rectum without the dents of the demo's; uterosacral, cardinal and pubourethral ligaments,
-        pubocervical and rectovaginal fasciae, levator ani. RAS mm, in the place of the demo's pelvis.
+        Bladder, vagina and rectum of the demo without its dents and folds; uterosacral, cardinal and pubourethral
+        ligaments, pubocervical and rectovaginal fasciae, levator ani. RAS mm, where the demo's pelvis is.
 
     Examples
     --------
@@ -166,7 +167,7 @@ def _floor(drawing: Drawing) -> None:
         fixed="coccyx",
     )
     for side, mirror in (("right", np.ones(3)), ("left", _MIRROR)):
-        # Around the tube the way goes from right to left over the front.
+        # u runs from right to left over the front.
         right = side == "right"
         order = slice(None) if right else slice(None, None, -1)
         common = {"part": part, "thickness": thickness, "fixed": f"{side} arcus tendineus"}
@@ -195,9 +196,10 @@ def _floor(drawing: Drawing) -> None:
 
 
 def _front(side: str) -> str:
-    """Border of a side's column towards the front."""
+    """Front border of the column on a side."""
     return "u_max" if side == "right" else "u_min"
 
 
 def _back(side: str) -> str:
+    """Back border of the column on a side."""
     return "u_min" if side == "right" else "u_max"

@@ -1,4 +1,4 @@
-"""A picture of a model from four sides: patches by colour, translucent where the image does not show them."""
+"""A picture of a model from four sides: patches by colour, translucent if the image does not show them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..report.scene import SIDES, Shape, draw_scene
 from .colours import part_colours, patch_colours
 from .model import MultiPatchModel
 
-# Of estimated parts: organs are seen through three sheets.
+# Opacity of estimated parts: organs stay visible through three sheets.
 _OPACITY = 0.5
 _CHORD_ERROR = 0.05
 _VIEW, _TOP = 5.4, 1.0
@@ -66,7 +66,7 @@ def model_figure(model: MultiPatchModel):
 
 
 def model_shapes(model: MultiPatchModel) -> list[Shape]:
-    """Make the shapes of a scene: a patch each, in its colour, seen from both sides where it is no solid's.
+    """Make a shape of each patch, in its colour; patches of sheets have two visible sides.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Where a generic model lies in an image: one similarity and one affine map for all organs, in closed form.
+"""Placement of a generic model in an image: one similarity and one affine map for all organs.
 
-Of each organ only its solid moments count: volume, centre and covariance, of the model's surface and of the separated
-region. Between two such solids runs the optimal-transport map of Gaussians, which takes the one's moments to the
-other's without turning or mirroring anything, so that axes need no names and no directions. The similarity and the
-affine map are least squares over these maps of all organs.
+Each organ is represented by volume, centre and covariance of the solid: of the model's surface, and of the separated
+region. Between two such solids there is the optimal-transport map of Gaussians, which maps the moments of one to those
+of the other without a turn or a reflection, so that principal axes need not be matched. The similarity and the affine
+map are the least-squares fits to these maps of all organs.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.moments import moments
 from ..imaging.region import Region
 
-# Scales of bodies: outside of these the unit is another one (cm, or metres).
+# Plausible scales of a patient against the model; others mean another unit (cm, or metres).
 SCALES = (0.5, 2.0)
-# A patient who lies otherwise is turned less than this against the model; LPS taken for RAS is half a turn.
+# Largest plausible turn of a patient against the model; LPS taken for RAS is half a turn.
 MOST_DEGREES = 45.0
-# The transport maps are made for the model as it is turned so far: repeated until the similarity changes by less than
-# this, a few times for usual patients, and 50 times for one that is turned by 45 degrees.
+# The transport maps depend on how the model is turned, so the similarity is iterated until it changes by less than
+# this: a few times for usual patients, and 50 times for one that is turned by 45 degrees.
 _SETTLED = 1e-5
 _MOST_ROUNDS = 100
-# Begun with from the model as it lies and after half a turn about each axis of the patient: where front is taken for
-# back, no way of small steps leads there.
+# The iteration starts at the model as it is, and after half a turn about each axis of the patient: it does not find
+# these turns by itself, for instance where front is taken for back.
 _STARTS = [np.diag([*signs, 1.0]) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
 
 
 @dataclass(frozen=True, eq=False)
 class SolidMoments:
-    """Moments of a solid.
+    """Volume, centre and covariance of a solid.
 
     Parameters
     ----------
@@ -52,12 +52,13 @@ class SolidMoments:
 
     @classmethod
     def of_surface(cls, surface: BSplineSurface) -> SolidMoments:
-        """Moments of the solid in a closed surface.
+        """Return the moments of the solid that a closed surface encloses.
 
         Notes
         -----
-        Divergence theorem: the integral of a homogeneous polynomial of degree k over the solid is that of it times
-        x . n over the surface, by k + 3. On every knot span that is a polynomial, so that Gauss quadrature is exact.
+        By the divergence theorem, the integral of a homogeneous polynomial f of degree k over the solid is the integral
+        of f(x) x . n over the surface, divided by k + 3. On every knot span that integrand is a polynomial in u and v,
+        so that Gauss quadrature is exact.
         """
         u, weights_u = bspline.gauss_points(surface.degrees[0], surface.knots_u, (5 * surface.degrees[0] + 1) // 2)
         v, weights_v = bspline.gauss_points(surface.degrees[1], surface.knots_v, (5 * surface.degrees[1] + 1) // 2)
@@ -72,13 +73,13 @@ class SolidMoments:
 
     @classmethod
     def of_region(cls, region: Region) -> SolidMoments:
-        """Moments of a separated region."""
+        """Return the moments of a separated region."""
         found = moments(region)
         covariance = found.axes.T @ np.diag(found.extents**2) @ found.axes
         return cls(1000.0 * region.volume_ml, found.center, covariance)
 
     def moved(self, matrix: np.ndarray) -> SolidMoments:
-        """Moments of the solid moved by a 4x4 affine matrix."""
+        """Return the moments of the solid after an affine map, (4, 4)."""
         linear = matrix[:3, :3]
         return SolidMoments(
             self.volume * abs(float(np.linalg.det(linear))),
@@ -89,18 +90,18 @@ class SolidMoments:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a model lies.
+    """Position of a model in an image.
 
     Parameters
     ----------
     matrix : (4, 4) ndarray
-        The affine map, from the model's RAS mm to the image's.
+        The affine map from the model to the image, RAS mm.
     maps : dict of str to (4, 4) ndarray
-        From there on, each organ's own map to its region, near the identity.
+        Affine map of each organ to its region, to be applied after `matrix`; near the identity.
     scale : float
-        Of the similarity.
+        Scale of the similarity.
     degrees : float
-        By which the similarity turns.
+        Angle of its rotation.
     """
 
     matrix: np.ndarray
@@ -110,7 +111,7 @@ class Placement:
 
 
 def transport_map(source: SolidMoments, target: SolidMoments) -> np.ndarray:
-    """Affine map that takes a solid's centre and covariance to another's, with the least mean square displacement.
+    """Affine map from a solid's centre and covariance to another's, with the least mean square displacement.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def place(parents: Mapping[str, BSplineSurface], targets: Mapping[str, SolidMome
     parents : mapping of str to BSplineSurface
         Closed surfaces of the model's organs, RAS mm.
     targets : mapping of str to SolidMoments
-        Of organs in the image, at least two of the model's.
+        Moments of these organs in the image, at least two.
 
     Returns
     -------
@@ -151,7 +152,7 @@ def place(parents: Mapping[str, BSplineSurface], targets: Mapping[str, SolidMome
     Raises
     ------
     ValueError
-        If the organs of the image are of quite another size than the model's, or lie turned against it.
+        If scale or rotation between the model's organs and the image's are not plausible.
     """
     solids = {name: SolidMoments.of_surface(parents[name]) for name in targets}
     _, matrix = max((_settled(solids, targets, start) for start in _STARTS), key=lambda found: found[0])
@@ -168,7 +169,7 @@ def place(parents: Mapping[str, BSplineSurface], targets: Mapping[str, SolidMome
 
 
 def _check_similarity(scale: float, degrees: float) -> None:
-    """Refuse what is no patient in the model's frame and unit."""
+    """Refuse a scale or a rotation that means another unit or frame."""
     if not SCALES[0] <= scale <= SCALES[1]:
         msg = (
             f"The organs in the image are {scale:.2g} times as large as the model's; {SCALES[0]:g} to {SCALES[1]:g} "
@@ -191,7 +192,7 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 
 
 def _second_moments(solids: Mapping[str, SolidMoments], targets: Mapping[str, SolidMoments]):
-    """Second moments of all organs together, each counted alike: of the model and the image, of the model; centres."""
+    """Second moments of all organs, equally weighted: image with model, and model with itself; the two centres."""
     start = np.mean([solid.center for solid in solids.values()], axis=0)
     to = np.mean([targets[name].center for name in solids], axis=0)
     cross, own = np.zeros((3, 3)), np.zeros((3, 3))
@@ -203,7 +204,7 @@ def _second_moments(solids: Mapping[str, SolidMoments], targets: Mapping[str, So
 
 
 def _settled(solids: Mapping[str, SolidMoments], targets: Mapping[str, SolidMoments], matrix: np.ndarray):
-    """Repeat the similarity from one on; what the last one explains of the second moments, and all of them as one."""
+    """Iterate the similarity from a start matrix; the share of the second moments that it explains, and the matrix."""
     explained = 0.0
     for _ in range(_MOST_ROUNDS):
         moved = {name: solid.moved(matrix) for name, solid in solids.items()}
@@ -215,7 +216,7 @@ def _settled(solids: Mapping[str, SolidMoments], targets: Mapping[str, SolidMome
 
 
 def _similarity(cross: np.ndarray, own: np.ndarray, centers) -> tuple[np.ndarray, float]:
-    """Similarity of least squares (Umeyama, IEEE PAMI 13:376, 1991), and what it explains of the second moments."""
+    """Least-squares similarity (Umeyama, IEEE PAMI 13:376, 1991), and the part of the second moments it explains."""
     to, start = centers
     left, values, right = np.linalg.svd(cross)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])

@@ -1,4 +1,4 @@
-"""Second-order elements of a model: middles of edges on the exact patches."""
+"""Second-order elements of a model, with nodes at the middles of edges on the exact patches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def with_middles(
     *,
     least_quality: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Give elements nodes in the middles of their edges, on the patches as far as the elements' shape allows it.
+    """Add nodes at the middles of edges, on the patches as far as the quality of the elements allows it.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def with_middles(
     patch_of : (t,) ndarray of int
         Number of each triangle's patch in the model.
     least_quality : float
-        Scaled Jacobian that curving must not go below.
+        Least scaled Jacobian of curved elements.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def with_middles(
     tetrahedra : (m, 10) ndarray of int
     triangles : (t, 6) ndarray of int
     flattened : int
-        Number of edges whose middle is not on its patch, for the sake of the elements' shape.
+        Number of edges whose middle is not on its patch, because elements would get worse than that.
     """
     of_cells = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
     of_triangles = np.sort(triangles[:, TRIANGLE_EDGES].reshape(-1, 2), axis=1)
@@ -54,7 +54,7 @@ def with_middles(
 
 
 def _surfaces(model: MultiPatchModel) -> tuple[list, np.ndarray]:
-    """Surfaces that triangles lie on, and which of them belongs to each patch: the whole organ, or the patch."""
+    """Surfaces that triangles lie on, and the index of each patch's surface: the whole organ, or the patch."""
     surfaces, rows = list(model.parents.values()), []
     for patch in model.patches:
         if patch.part in model.parents:

@@ -1,7 +1,7 @@
 """Models as STEP files (AP214): a named face for every patch, organs and cords as solids, sheets as open shells.
 
-The patches are exact. Faces of a part share their edges; parts that are attached share vertices and curves. The name of
-whatever the image does not show ends in "(estimated)". Coordinates are LPS mm, as in the files of single organs.
+The patches are exact. Faces of a part share their edges; attached parts share vertices and curves. Names of parts that
+the image does not show end in "(estimated)". Coordinates are LPS mm, as in the files of single organs.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..export.step_shapes import (
     listed,
     string,
 )
-from ..files import replacing
+from ..files import write_text
 from ..frames import RAS_TO_LPS
 from ..organ_colours import rgb
 from .colours import part_colours
@@ -29,7 +29,7 @@ from .topology import Side, open_edges, shell, sides, sides_by_edge
 
 
 def write_model_step(model: MultiPatchModel, path: str | os.PathLike) -> None:
-    """Write a model as a STEP file, or refuse to where a part is no valid solid.
+    """Write a model as a STEP file.
 
     Parameters
     ----------
@@ -40,18 +40,16 @@ def write_model_step(model: MultiPatchModel, path: str | os.PathLike) -> None:
     Raises
     ------
     ValueError
-        If an organ is no valid solid, with the place, or a cord is not closed.
+        If an organ is no valid solid (the message names the place), or a cord is not closed.
     OSError
         If the file cannot be written; a file of that name is left as it was.
     """
     validate_solids([Solid(organ, parent) for organ, parent in model.parents.items()])
-    text = model_step_text(model)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="ascii")
+    write_text(path, model_step_text(model))
 
 
 def model_step_text(model: MultiPatchModel) -> str:
-    """Text of a STEP file: an assembly of the parts.
+    """Return the text of a STEP file: an assembly of the parts.
 
     Parameters
     ----------
@@ -80,7 +78,7 @@ def model_step_text(model: MultiPatchModel) -> str:
 
 
 def faces_step_text(model: MultiPatchModel) -> str:
-    """Text of a STEP file with every patch once, as faces of one shell that share their edges across parts.
+    """Return the text of a STEP file with every patch once, in one shell whose faces share edges across parts.
 
     Parameters
     ----------
@@ -98,11 +96,11 @@ def faces_step_text(model: MultiPatchModel) -> str:
 
 
 class _Shapes:
-    """Adds the parts of a model; what they have in common is added once."""
+    """Adds the parts of a model to a file; surfaces, curves and vertices that they share are added once."""
 
     def __init__(self, entities: Entities, model: MultiPatchModel) -> None:
         self._entities, self._model = entities, model
-        # Adding zero takes the sign off zeros.
+        # Adding zero turns -0.0 into 0.0.
         self._points = model.points * RAS_TO_LPS + 0.0
         self._plane = add_parameter_plane(entities)
         self._surfaces: dict[str, str] = {}
@@ -148,12 +146,12 @@ class _Shapes:
         return self._entities.add(f"ADVANCED_FACE({string(name)},({bound}),{self._surface(patch)},{sense})")
 
     def _edges(self, patches: list[Patch]) -> dict[tuple[int, ...], str]:
-        """Edges of a part by their control points, each with its lines in the parameters of its one or two faces."""
+        """Add the edges of patches, with their lines in the parameters of one or two faces; by their control points."""
         found = {}
         for edge, here in sides_by_edge(patches).items():
             curve, ends = self._curve(here[0])
             lines = [self._line(side, ends) for side in here]
-            # A curve on a surface has one or two lines; where more faces meet, readers compute theirs.
+            # A SURFACE_CURVE has one or two such lines; where more faces meet, readers compute them.
             if len(lines) <= 2:
                 curve = self._entities.add(f"SURFACE_CURVE('',{curve},{listed(lines)},.CURVE_3D.)")
             first, last = self._vertex(edge[0]), self._vertex(edge[-1])
@@ -168,7 +166,7 @@ class _Shapes:
         return self._surfaces[patch.name]
 
     def _curve(self, side: Side) -> tuple[str, tuple[float, float]]:
-        """Curve along an edge in its own direction, with the parameters of its ends."""
+        """Add the curve along an edge, in the order of its control points; with the parameters of its ends."""
         if side.edge not in self._curves:
             degree, knots = side.patch.degrees[side.axis], side.patch.knots[side.axis]
             knots = knots if side.same else (knots[0] + knots[-1]) - knots[::-1]
@@ -177,7 +175,7 @@ class _Shapes:
         return self._curves[side.edge]
 
     def _line(self, side: Side, ends: tuple[float, float]) -> str:
-        """Line of an edge in the parameters of a patch, over the parameters of the curve."""
+        """Add the line of an edge in the parameters of a patch, as a function of the curve's parameter."""
         knots = side.patch.knots[side.axis]
         begin, end = (knots[0], knots[-1]) if side.same else (knots[-1], knots[0])
         slope = (end - begin) / (ends[1] - ends[0])

@@ -1,4 +1,4 @@
-"""Which patches of a model meet along which border, and in which direction."""
+"""Topology of a model: which patches have a border in common, and in which direction they run along it."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 
 from .model import MultiPatchModel, Part, Patch
 
-# Counter-clockwise seen from where the normal points: the borders of a patch, and whether they run backwards.
+# Borders of a patch in counter-clockwise order, seen against its normal; whether the parameter falls along them.
 _ROUND = (("v_min", False), ("u_max", False), ("v_max", True), ("u_min", True))
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One border of a patch, where its surface lies to the left of the way.
+    """One border of a patch.
 
     Parameters
     ----------
     patch : Patch
     name : {"u_min", "u_max", "v_min", "v_max"}
     edge : tuple of int
-        Control points of the border in an order that is the same for all patches that share it.
+        Indices of the border's control points, in the same order for all patches that share it.
     forward : bool
-        Whether the way around the patch runs in that order.
+        Whether the border has that order when it is followed counter-clockwise around the patch.
     same : bool
-        Whether the patch's parameter grows in that order.
+        Whether the patch's parameter grows in the order of `edge`.
     """
 
     patch: Patch
@@ -37,12 +37,12 @@ class Side:
 
     @property
     def axis(self) -> int:
-        """Along which parameter it runs: 0 for u, 1 for v."""
+        """Parameter along the border: 0 for u, 1 for v."""
         return 1 if self.name.startswith("u") else 0
 
 
 def sides(patch: Patch) -> list[Side]:
-    """Return the borders of a patch around it, without those that are single points."""
+    """Return the borders of a patch counter-clockwise, without those that are a single point (a pole)."""
     found, borders = [], patch.borders()
     for name, backwards in _ROUND:
         row = tuple(int(index) for index in borders[name])
@@ -54,10 +54,10 @@ def sides(patch: Patch) -> list[Side]:
 
 
 def shell(model: MultiPatchModel, part: Part) -> list[tuple[Patch, bool]]:
-    """Patches that bound or make up a part, each with whether its normal has to be turned.
+    """Return the patches of a part as a shell, each with whether its normal has to be reversed.
 
-    A cord is bounded by its foot too, whose normal points into it. Patches of a sheet are turned so that all show the
-    same side.
+    The shell of a cord has its foot too, whose normal points into the cord. Patches of a sheet are reversed so that all
+    normals point to the same side.
     """
     patches = [(patch, False) for patch in model.patches_of(part.name)]
     if part.kind == "cord":
@@ -66,7 +66,7 @@ def shell(model: MultiPatchModel, part: Part) -> list[tuple[Patch, bool]]:
 
 
 def sides_by_edge(patches: Iterable[Patch]) -> dict[tuple[int, ...], list[Side]]:
-    """Borders of patches that are the same edge, by its control points."""
+    """Return the borders of patches by the control points that they share."""
     met: dict[tuple[int, ...], list[Side]] = {}
     for patch in patches:
         for side in sides(patch):
@@ -75,7 +75,7 @@ def sides_by_edge(patches: Iterable[Patch]) -> dict[tuple[int, ...], list[Side]]
 
 
 def open_edges(faces: Iterable[tuple[Patch, bool]]) -> list[Side]:
-    """Find the borders of a shell that two of its patches do not run along in opposite directions."""
+    """Find the borders of a shell that do not belong to exactly two patches with consistent normals."""
     met: dict[tuple[int, ...], list[tuple[Side, bool]]] = {}
     for patch, turned in faces:
         for side in sides(patch):
@@ -84,7 +84,7 @@ def open_edges(faces: Iterable[tuple[Patch, bool]]) -> list[Side]:
 
 
 def _oriented(patches: list[Patch]) -> list[tuple[Patch, bool]]:
-    """Turn patches so that neighbours run along their common border in opposite directions, as far as that can be."""
+    """Reverse patches so that neighbours run along their common border in opposite directions, if possible."""
     turned: dict[str, bool] = {}
     met = sides_by_edge(patches)
     for start in patches:
@@ -101,7 +101,7 @@ def _oriented(patches: list[Patch]) -> list[tuple[Patch, bool]]:
 
 
 def share_of_points(patch: Patch, others: Iterable[Patch]) -> int:
-    """Count the points of a patch's borders that other patches have too."""
+    """Count the control points of a patch's borders that other patches share."""
     rim = np.unique(np.concatenate(list(patch.borders().values())))
     theirs = [other.indices.ravel() for other in others]
     return int(np.isin(rim, np.concatenate(theirs)).sum()) if theirs else 0

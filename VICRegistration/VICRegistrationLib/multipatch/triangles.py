@@ -1,4 +1,4 @@
-"""Triangles of a model: patches that share a border share its vertices."""
+"""Triangulation of a model, with common vertices on common borders."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.sparse import csgraph
 
 from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import resolution_for_chord_error
-from .model import MultiPatchModel, Patch
+from .model import MultiPatchModel, Patch, borders_of
 from .topology import sides, sides_by_edge
 
-# Intervals of a patch in each direction, at least and at most.
+# Least and most intervals of a patch in each direction.
 _LEAST, _MOST = 3, 64
 
 
@@ -27,9 +27,9 @@ class ModelTriangles:
     points : (n, 3) ndarray
         RAS mm.
     triangles : (m, 3) ndarray of int
-        Counter-clockwise seen from where the patches' normals point.
+        Counter-clockwise seen against the patches' normals.
     patch_of : (m,) ndarray of int
-        Number of each triangle's patch in the model.
+        Index of each triangle's patch in the model.
     names : tuple of str
         Names of the patches.
     """
@@ -40,7 +40,7 @@ class ModelTriangles:
     names: tuple[str, ...]
 
     def of(self, patches: Iterable[Patch]) -> np.ndarray:
-        """Return which triangles belong to these patches, (m,) of bool."""
+        """Return a mask of the triangles that belong to the given patches, (m,) of bool."""
         wanted = {patch.name for patch in patches}
         return np.isin(self.patch_of, [number for number, name in enumerate(self.names) if name in wanted])
 
@@ -52,7 +52,8 @@ def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> Mode
     ----------
     model : MultiPatchModel
     chord_error : float
-        Largest distance between triangles and surface, mm; a little more where patches are very long and bent.
+        Largest distance between triangles and surface, mm. It may be exceeded where a patch needs more than 64
+        intervals.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def model_triangles(model: MultiPatchModel, *, chord_error: float = 0.1) -> Mode
 
 
 def _counts(model: MultiPatchModel, surfaces: list[BSplineSurface], chord_error: float) -> np.ndarray:
-    """Intervals in u and v of every patch: the same on both sides of every border, so along whole chains of patches."""
+    """Intervals in u and v of every patch, (n, 2): the same on both sides of every border."""
     needed = np.array([resolution_for_chord_error(surface, chord_error) for surface in surfaces])
     needed = np.clip(needed, _LEAST, _MOST).ravel()
     number = {patch.name: place for place, patch in enumerate(model.patches)}
@@ -93,7 +94,7 @@ def _counts(model: MultiPatchModel, surfaces: list[BSplineSurface], chord_error:
 
 
 class _Vertices:
-    """Vertices that are made once for every corner and every border."""
+    """Vertices of the patches, of which those on corners and borders are made once."""
 
     def __init__(self) -> None:
         self.points: list[np.ndarray] = []
@@ -101,17 +102,16 @@ class _Vertices:
         self._edges: dict[tuple[int, ...], np.ndarray] = {}
 
     def of_patch(self, patch: Patch, surface: BSplineSurface, counts: np.ndarray) -> np.ndarray:
-        """Numbers of the vertices of a patch, (n_u + 1, n_v + 1)."""
+        """Return the indices of the vertices of a patch, (n_u + 1, n_v + 1)."""
         axes = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, counts)]
         points = surface.grid(*axes)
         vertex = np.full(points.shape[:2], -1)
         corners = ((0, 0), (-1, 0), (0, -1), (-1, -1))
         for place in corners:
             vertex[place] = self._corner(int(patch.indices[place]), points[place])
-        views = {"u_min": vertex[0], "u_max": vertex[-1], "v_min": vertex[:, 0], "v_max": vertex[:, -1]}
-        places = {"u_min": points[0], "u_max": points[-1], "v_min": points[:, 0], "v_max": points[:, -1]}
+        places = borders_of(points)
         real = {side.name: side for side in sides(patch)}
-        for name, view in views.items():
+        for name, view in borders_of(vertex).items():
             if name not in real:
                 view[:] = view[0]
                 continue
@@ -136,7 +136,7 @@ class _Vertices:
 
 
 def _triangles(vertex: np.ndarray) -> np.ndarray:
-    """Two triangles for each cell of a grid of vertices, with alternating diagonals; none without an area."""
+    """Two triangles for each cell of a grid of vertices, with alternating diagonals; only one beside a pole."""
     a, b, c, d = vertex[:-1, :-1], vertex[1:, :-1], vertex[1:, 1:], vertex[:-1, 1:]
     even = (np.add.outer(np.arange(a.shape[0]), np.arange(a.shape[1])) % 2 == 0)[..., None]
     one = np.where(even, np.stack([a, b, c], -1), np.stack([a, b, d], -1))

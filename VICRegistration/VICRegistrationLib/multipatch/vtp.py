@@ -1,8 +1,8 @@
-"""Models as VTP files: triangles with the name of their patch and part.
+"""Models as VTP files: triangles with the names of their patch and part.
 
-Arrays of the triangles: ``patch`` and ``part``, the names; ``patch_number`` and ``part_number``, from 1 in the order of
-the model; ``estimated``, 1 where the image does not show the part. Names of estimated parts and patches end in
-"(estimated)". Points are LPS mm, which the file states as those of single organs do.
+Cell arrays: ``patch`` and ``part``, the names; ``patch_number`` and ``part_number``, from 1 in the order of the model;
+``estimated``, 1 if the image does not show the part. Names of estimated parts and patches end in "(estimated)". Points
+are LPS mm, and the field ``SPACE`` says so, as in the files of single organs.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ import os
 from pathlib import Path
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from ..export.surface_data import add_text, xml_text
-from ..files import replacing
+from ..export.surface_data import add_text, number_array, text_array, xml_text
+from ..files import write_text
 from ..frames import RAS_TO_LPS
 from ..geometry.polydata import polydata
 from .model import MultiPatchModel
@@ -41,13 +39,11 @@ def write_model_vtp(model: MultiPatchModel, path: str | os.PathLike) -> None:
     mesh = model_triangles(model)
     data = _named(model, mesh.points * RAS_TO_LPS, mesh.triangles, mesh.patch_of)
     add_text(data, "SPACE", "LPS")
-    text = xml_text(vtkXMLPolyDataWriter(), data)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_text(path, xml_text(vtkXMLPolyDataWriter(), data))
 
 
 def holds_patches(path: str | os.PathLike) -> bool:
-    """Whether a file holds the triangles of a model; no if it cannot be read."""
+    """Whether a file is the VTP file of a model; false if it cannot be read."""
     try:
         return Path(path).suffix.lower() == ".vtp" and b'Name="patch_number"' in Path(path).read_bytes()
     except OSError:
@@ -55,7 +51,7 @@ def holds_patches(path: str | os.PathLike) -> bool:
 
 
 def part_polydata(model: MultiPatchModel) -> dict[str, vtkPolyData]:
-    """Triangles of every part by itself, with the arrays above, as VTK data.
+    """Make VTK data of each part's triangles, with the arrays of the VTP file.
 
     Parameters
     ----------
@@ -76,7 +72,7 @@ def part_polydata(model: MultiPatchModel) -> dict[str, vtkPolyData]:
 
 
 def _named(model: MultiPatchModel, points: np.ndarray, triangles: np.ndarray, patch_of: np.ndarray) -> vtkPolyData:
-    """Triangles as VTK data, with the patch and the part that each belongs to."""
+    """Make VTK data of triangles, with the patch and the part of each."""
     data = polydata(points, triangles)
     cells = data.GetCellData()
     parts = [part.name for part in model.parts]
@@ -91,15 +87,8 @@ def _named(model: MultiPatchModel, points: np.ndarray, triangles: np.ndarray, pa
         "estimated": np.array([part.estimated for part in model.parts])[part_of].astype(np.uint8),
     }
     for key, (words, rows) in names.items():
-        array = vtkStringArray()
-        array.SetName(key)
-        array.SetNumberOfValues(len(rows))
-        for place, row in enumerate(rows.tolist()):
-            array.SetValue(place, words[row])
-        cells.AddArray(array)
+        cells.AddArray(text_array(key, [words[row] for row in rows.tolist()]))
     for key, values in numbers.items():
-        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
-        array.SetName(key)
-        cells.AddArray(array)
+        cells.AddArray(number_array(key, values))
     cells.SetActiveScalars("patch_number")
     return data
