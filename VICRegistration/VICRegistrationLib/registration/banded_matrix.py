@@ -1,8 +1,7 @@
-"""Symmetric positive definite matrices with few entries, in an order that has these near the diagonal.
+"""Sparse symmetric positive definite matrices as banded matrices, in reverse Cuthill-McKee order.
 
-Control points act on their neighbours only. In the order of Cuthill and McKee the Gauss-Newton matrix of a net has a
-narrow band, also across the seam and at the poles, and a band is factorised several times faster than a general sparse
-matrix.
+A control point is coupled only with its neighbours. In this order the Gauss-Newton matrix of a net has a narrow band,
+in spite of the seam and the poles, and a band is factorised several times faster than a general sparse matrix.
 """
 
 from __future__ import annotations
@@ -58,12 +57,13 @@ class BandedMatrix:
         return linalg.solveh_banded(band, right[self._order], lower=True, check_finite=False)[self._place]
 
     def variances(self, vectors) -> np.ndarray:
-        """Work out v' A^-1 v for vectors that have entries only where A couples them.
+        """Compute v' A^-1 v for sparse vectors v.
 
         Parameters
         ----------
         vectors : (m, n) ndarray or sparse matrix
-            Each row's entries, taken two by two, are entries of the matrix, like basis functions at a sample.
+            Every two non-zero entries of a row must be coupled by a non-zero entry of A, like basis functions at a
+            sample.
 
         Returns
         -------
@@ -71,8 +71,8 @@ class BandedMatrix:
 
         Notes
         -----
-        In blocks as wide as the band the matrix is tridiagonal, and these entries of its inverse are found block by
-        block, without the others (Takahashi, Fagan and Chin, 1973).
+        With blocks as wide as the band the matrix is block tridiagonal, and the needed blocks of its inverse are
+        computed one after the other, without the remaining ones (Takahashi, Fagan and Chin, 1973).
         """
         vectors = sparse.csc_matrix(vectors)[:, self._order]
         blocks = self._blocks()
@@ -93,7 +93,7 @@ class BandedMatrix:
         return result
 
     def _blocks(self) -> list[slice]:
-        """Cut the rows into blocks as long as the band is wide."""
+        """Divide the rows into blocks as long as the band is wide."""
         n, size = len(self._order), max(self.bandwidth, 1)
         return [slice(start, min(start + size, n)) for start in range(0, n, size)]
 

@@ -1,9 +1,9 @@
-"""What a fit chooses by what the image shows across a surface that lies near the edge, and why.
+"""Automatic choice of tau, smoothness and anchor, from the image along a surface that lies near the edge.
 
 - *tau* is the width of the edge in the image.
-- *smoothness* follows the noise: what the image differs from the profile by, noise and uneven tissue alike, and in how
-  many voxels that was seen.
-- *anchor*, the weight against leaving the surface where a stage begins, follows it too.
+- *smoothness* grows with the mean squared residual, which comes from noise and uneven tissue alike, and falls with the
+  number of voxels along the surface.
+- *anchor*, the weight against leaving the surface with which a stage begins, grows with the residual too.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS, FitOptions
 from .schedule import Schedule
 from .stages import Step
 
-# Smoothness for a mean squared residual of 1 seen in one voxel. It shrinks with the square root of the number of
-# voxels: noise averages out as fast as that number grows, uneven tissue does not. More takes the wrinkles out of a net
-# that is finer than the organ, and then its folds. Tried 0.6 to 2.4 on phantoms and real bladders; and 120 without the
-# root, with which two of five seeds in a real bladder (p5) gave a surface that went beyond the drift limit.
+# Smoothness for a mean squared residual of 1 in one voxel. It is divided by the square root of the number of voxels, a
+# compromise: the influence of noise falls with that number, that of uneven tissue does not. Larger values remove the
+# wrinkles of a net that is finer than the organ, and then the organ's own folds. Tried 0.6 to 2.4 on phantoms and real
+# bladders; and 120 divided by the number itself, with which two of five seeds in a real bladder (p5) gave a surface
+# beyond the drift limit.
 _SMOOTHNESS = 1.2
-# So many times smoother with several stacks: each line counts mostly in the stack that shows its edge sharply, so that
-# the cost is low, and the voxels that determine it are few of all. Tried on the demo's organs in three stacks: a mean
-# error of 0.043 mm with 1, 0.040 with 4, 0.037 with 16, where the bladder's grows. With 1, fine nets ripple at poles:
-# there the rectum's normals are off by up to 7.9 degrees, with 6 by up to 5.1.
+# Largest factor of the smoothness with several stacks. There each line has most of its weight in the stack that shows
+# its edge sharply, so that the cost is low, and fewer voxels than counted determine the line. Tried on the demo's
+# organs in three stacks: a mean error of 0.043 mm with 1, 0.040 with 4, 0.037 with 16, where the bladder's grows. With
+# 1, fine nets ripple at poles: there the rectum's normals are off by up to 7.9 degrees, with 6 by up to 5.1.
 _SEVERAL = 6.0
-# Weight against leaving the separated region for a mean squared residual of 1: the less the image looks like an edge,
-# the more the region counts. It grows with the square of that residual: the larger that is, the less exactly the image
-# shows the edge, and the more likely it shows something else. Tried 400 to 600, and 10 to 100 without the square, on
-# phantoms and real bladders: less lets the surface stop short of thin grey rims, more cuts corners and lets the
-# terraces.
+# Weight against leaving the separated region for a mean squared residual of 1. It is proportional to the square of the
+# mean squared residual: the larger that is, the less exactly the image shows the edge, and the more likely the edge is
+# that of something else. Tried 400 to 600, and 10 to 100 without the square, on phantoms and real bladders: with less
+# the surface stops short of thin grey rims, with more corners are cut off and the terraces of the slices remain.
 _ANCHOR = 600.0
-# No image is taken for clearer than this mean squared residual: where the volume cuts an organ, nothing else holds it.
-# Without this, surfaces of clear images that are cut in the middle reach 1.7 mm beyond the volume's end.
+# Lower limit of one factor of that square, because beyond the end of a volume only the anchor holds the surface.
+# Without it, surfaces of clear images that are cut in the middle reach 1.7 mm beyond the volume's end.
 _CLEAREST = 1.0 / 60.0
 
 
@@ -49,7 +49,6 @@ class Choice:
     ----------
     option, value : str
     reasons : tuple of Diagnostic
-        Why it is that.
     """
 
     option: str
@@ -60,7 +59,7 @@ class Choice:
 def choose_beside(
     surface: BSplineSurface, schedule: Schedule, asked: FitOptions
 ) -> tuple[Schedule, tuple[Choice, ...]]:
-    """Choose tau by a surface that is there already; smoothness is that to start with.
+    """Choose tau by a given surface; smoothness keeps its initial value.
 
     Parameters
     ----------
@@ -68,12 +67,12 @@ def choose_beside(
         Near the edge, in the frame of the schedule.
     schedule : Schedule
     asked : FitOptions
-        What the user asked for.
+        As given by the user.
 
     Returns
     -------
     schedule : Schedule
-        With the tau.
+        With that tau.
     choices : tuple of Choice
     """
     tau, why = _tau(surface, schedule, asked)
@@ -83,15 +82,15 @@ def choose_beside(
 
 
 def choose_by(step: Step, schedule: Schedule, asked: FitOptions) -> tuple[Schedule, tuple[Choice, ...]]:
-    """Choose tau, smoothness and anchor by what a first stage on the grey levels has come to.
+    """Choose tau, smoothness and anchor by the result of a first stage on the grey levels.
 
     Parameters
     ----------
     step : Step
-        Its last one.
+        Last step of that stage.
     schedule : Schedule
     asked : FitOptions
-        What the user asked for.
+        As given by the user.
 
     Returns
     -------
@@ -111,7 +110,7 @@ def choose_by(step: Step, schedule: Schedule, asked: FitOptions) -> tuple[Schedu
 
 
 def _by_stacks(step: Step, schedule: Schedule) -> float:
-    """How many times smoother a surface is with several stacks: the more, the more the others determine it."""
+    """Factor of the smoothness with several stacks; it grows with the weight of the further stacks."""
     if not schedule.views:
         return 1.0
     first, *_ = schedule.coarse.correlations(sampled(step.surface, schedule.options.closure))
@@ -127,7 +126,7 @@ def _choices(tau: float, why_tau: Diagnostic, smoothness: float, why_smoothness:
 
 
 def _tau(surface: BSplineSurface, schedule: Schedule, asked: FitOptions) -> tuple[float, Diagnostic]:
-    """Width of the profile's ramp, and why it is that."""
+    """Return tau and the reason for it."""
     if asked.tau is not None:
         return asked.tau, Diagnostic("option_given")
     pixel = schedule.pixel

@@ -1,7 +1,7 @@
-"""How far a surface may go from the separated region, for images that show no edge; and how far the region from it.
+"""The drift limit: largest distance of a surface from the separated region, for images that show no edge.
 
-A surface that has folded, or has gone beyond the limit, is refused: it is fitted again, held closer to the region, and
-in the end the region's own surface is kept. No fit ends with a surface that is no valid solid.
+A surface that has folded or exceeds the limit is refused. It is fitted again, held closer to the region; if that fails
+too, the surface of an earlier stage is kept. A fit never ends with a surface that is no valid solid.
 """
 
 from __future__ import annotations
@@ -10,14 +10,10 @@ from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from ..imaging.boxes import ball_radius
-from ..imaging.image import patient_side
-from ..imaging.morphology import boundary_voxels
-from ..imaging.region import Region
 from ..messages import Diagnostic
 from .choices import Choice
 from .nets import net_of, net_text, sampled_net
@@ -27,20 +23,19 @@ from .sample_grid import SampledSurface
 from .schedule import Schedule
 from .stages import Step, last_step
 
-# Largest drift, as a share of the radius of a ball of the region's volume. The demo's organs and seven real bladders
-# drift by 0.02 to 0.18 of it, so that half and twice as much change nothing; hippocampi, which show no edge, by up to
-# 0.59, where they fold.
+# Largest drift, as a share of the radius of a ball with the region's volume. The demo's organs and seven real bladders
+# drift by 0.02 to 0.18, so that half and twice of the limit change nothing; hippocampi, which show no edge, drift by up
+# to 0.59, where they fold.
 _LARGEST_DRIFT = 0.5
+# Number of samples of the surface in u and v.
 _SAMPLES = (32, 20)
-# Of the surface, where the region is compared with it.
-_DENSE_SAMPLES = (64, 48)
-# How many times closer to the region a surface is held that has been refused. Hippocampi stay in their place with it.
-# What does not, such as a tube bent by 220 degrees that starts from an ellipsoid, does not with 100 times either.
+# Factor of the weights of bending and anchor for a surface that was refused. With it hippocampi stay within the limit.
+# Surfaces that do not, such as a tube bent by 220 degrees that starts from an ellipsoid, do not with 100 either.
 _CLOSER = 10.0
 
 
 def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
-    """Find out whether a surface has folded or has gone too far from the separated region.
+    """Find out whether a surface has folded or is too far from the separated region.
 
     Parameters
     ----------
@@ -51,7 +46,7 @@ def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
     Returns
     -------
     Diagnostic or None
-        What is wrong with it, if anything is.
+        None for a valid surface within the limit.
     """
     problems = check_surface(surface)
     if problems:
@@ -68,22 +63,22 @@ def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
 def within_drift_limit(
     found: Step, schedule: Schedule, space: SampledSurface, *, on_region: Step, fallback: Step, called: str
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
-    """Keep a surface that is in its place; otherwise fit the grey levels again, held closer to the region.
+    """Keep a valid surface within the drift limit; otherwise fit to the grey levels again, held closer to the region.
 
     Parameters
     ----------
     found : Step
-        The surface as it was fitted.
+        Last step of the fit.
     schedule : Schedule
-        By which it was fitted.
+        Of that fit.
     space : SampledSurface
         Of its net.
     on_region : Step
-        Surface of the region, from which to fit again, and which is kept if the image holds none.
+        Last step of the stage on the region: the second fit starts from its surface, which is kept if that fit fails.
     fallback : Step
-        A surface to keep if not even that of the region is a valid one in its place.
+        Its surface is kept if that of the region is not valid either.
     called : str
-        What that is called.
+        Name of the fallback for the user.
 
     Yields
     ------
@@ -93,7 +88,7 @@ def within_drift_limit(
     -------
     step : Step
     choices : tuple of Choice
-        What was done, and why; none for a surface in its place.
+        What was done, with reasons; empty if `found` is kept.
     """
     reason = drift(found.surface, schedule.region)
     if reason is None:
@@ -101,7 +96,7 @@ def within_drift_limit(
     net = net_text(net_of(found.surface, schedule.options.closure))
     step, closer = on_region, schedule.closer(_CLOSER)
     for stage in (closer.coarse, closer.fine):
-        # Stages are known by their names, and surfaces of more than one net may be refused.
+        # Names of stages must differ, and surfaces of more than one net may be refused.
         name = f"{stage.name}, {net}, held {_CLOSER:g} times closer"
         step = yield from last_step(replace(stage, name=name), space.at(step.surface))
     if drift(step.surface, schedule.region) is None:
@@ -116,13 +111,13 @@ def within_drift_limit(
 
 
 def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
-    """Keep a surface that is a valid solid; otherwise take the region's own closed surface, with the first net.
+    """Keep a surface that is a valid solid; otherwise make a closed surface of the region, with the first net.
 
     Parameters
     ----------
     found : Step
     schedule : Schedule
-        By which it was fitted, with the first net.
+        Of its fit, with the first net.
 
     Yields
     ------
@@ -132,7 +127,7 @@ def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tupl
     -------
     step : Step
     choices : tuple of Choice
-        What was done, and why; none for a valid surface.
+        What was done, with reasons; empty for a valid surface.
     """
     problems = check_surface(found.surface)
     if not problems:
@@ -147,29 +142,3 @@ def valid_at_last(found: Step, schedule: Schedule) -> Generator[Step, None, tupl
         Diagnostic("surface_kept", {"net": net_text(net), "kept": "closed surface of the region"}),
     )
     return step, (Choice("drift limit", step.stage, reasons),)
-
-
-def left_out(surface: BSplineSurface, region: Region) -> tuple[float, str]:
-    """Find the part of the separated region that reaches farthest beyond a surface.
-
-    Parameters
-    ----------
-    surface : BSplineSurface
-        RAS mm, with outward normals.
-    region : Region
-
-    Returns
-    -------
-    reach : float
-        mm; 0 if none does.
-    side : str
-        Side of the organ where that part lies, such as "superior".
-    """
-    u, v = surface.midpoints(*_DENSE_SAMPLES)
-    points, normals = surface.points(u, v), surface.normals(u, v)
-    voxels = region.image.to_ras(boundary_voxels(region.mask)[:, ::-1])
-    distances, nearest = cKDTree(points).query(voxels)
-    outside = np.einsum("nk,nk->n", voxels - points[nearest], normals[nearest]) > 0.0
-    reach = np.where(outside, distances, 0.0)
-    farthest = int(reach.argmax())
-    return float(reach[farthest]), patient_side(voxels[farthest] - voxels.mean(axis=0))

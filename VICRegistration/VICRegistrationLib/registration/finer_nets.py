@@ -1,7 +1,8 @@
-"""Finer control nets than the first one: tried where the image may show more shape, kept where noise cannot explain it.
+"""Finer control nets: tried if the image may show more shape, kept if noise does not explain the lower cost.
 
-Each one has a knot more in every span, and starts from the surface of the net before, which the region then catches
-again. What it gains is measured half-way between the lines on which it was fitted: what it made of noise is not there.
+Each net has one more knot in every span than the last one, and its fit starts from the last surface, with the stage on
+the region. The decrease of the cost is measured half-way between the normal lines of the fit, where a surface that has
+followed noise does not gain.
 """
 
 from __future__ import annotations
@@ -21,28 +22,28 @@ from .sample_grid import SampledSurface, SampleGrid
 from .schedule import Schedule
 from .stages import Step, expected_decrease, last_step
 
-# The finest net is tried where one step with it is expected to lower the cost by more than so many times what more
-# freedom takes off noise. If it is always tried, fits take a third longer; of 20 organs four get that net more, are
-# nearer by 0.005 to 0.014 mm, and have rougher normals, as the demo's vagina in the benchmark of nets.
+# The finest net is tried if one step with it is expected to lower the cost by more than this multiple of the decrease
+# that noise explains. If it is always tried, fits take a third longer; four more of 20 organs get that net, with errors
+# smaller by 0.005 to 0.014 mm, and rougher normals, as for the demo's vagina in the benchmark of nets.
 _EXPECTED = 4.0
-# How often the spans are halved: 9x7 control points become 17x11 and 33x19. Once more takes as long as all before, and
-# slices do not show that much.
+# Number of times that the spans may be halved: 9x7 control points become 17x11 and 33x19. A third time would take as
+# long as all before, and slices do not show that much detail.
 MOST_HALVINGS = 2
 
 
 def fit_finer(
     found: Step, schedule: Schedule, wanted: tuple[int, int] | None
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
-    """Fit again with finer nets, each with its spans halved, while they lower the cost enough, or up to one asked for.
+    """Fit again with finer nets, while they lower the cost enough, or up to the net that was asked for.
 
     Parameters
     ----------
     found : Step
         Last step of the fit with the first net.
     schedule : Schedule
-        With all choices for the first net, and that net.
+        With all automatic choices, and the first net.
     wanted : (rows, columns) or None
-        The net asked for, to which :func:`first_net` leads, or None to choose.
+        The net asked for, which halving the spans of :func:`first_net` reaches; None for an automatic choice.
 
     Yields
     ------
@@ -51,9 +52,9 @@ def fit_finer(
     Returns
     -------
     step : Step
-        That of the net asked for, or of the finest one that lowers the cost enough; `found` if none does.
+        Last step with the net asked for, or with the finest net that lowers the cost enough; `found` if none does.
     choices : tuple of Choice
-        The net and what each one brought; and what was done about surfaces beyond the drift limit.
+        The net with the reasons, and the choices of :func:`.drift_limit.within_drift_limit`.
     """
     reasons: list[Diagnostic] = []
     limited: list[Choice] = []
@@ -64,7 +65,7 @@ def fit_finer(
         space, fewer = (sampled_net(first, closure, count) for count in (halvings, halvings - 1))
         start = replace(found, surface=found.surface.refined())
         explained = noise_share(space.n_dof - fewer.n_dof, schedule.voxels_along(start.surface))
-        # The first net is too coarse to show what lies beyond it.
+        # The expected decrease from the first net is not reliable, as that net is too coarse.
         if wanted is None and halvings > 1:
             expected = expected_decrease(schedule.fine, space.at(start.surface))
             if expected <= _EXPECTED * explained:
@@ -107,7 +108,7 @@ def _fit_from(
 
 
 def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> float:
-    """Share of the cost that a fit took off, between the lines on which it was fitted."""
+    """Relative decrease of the cost by a fit, measured half-way between the normal lines of the fit."""
     shape = grid_shape(net_of(end.surface, schedule.options.closure))
     between = SampleGrid.on(end.surface, shape, between=True)
     objective = Objective(schedule.fine.correlations(SampledSurface(space.parametrization.at(end.surface), between)))
@@ -115,13 +116,13 @@ def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> 
 
 
 def _reason(code: str, step: Step, closure: str, explained: float, **shares: float) -> Diagnostic:
-    """Say what a net brought or was expected to bring, and what part of that noise explains."""
+    """Make a diagnostic with a net's real or expected decrease of the cost, and the decrease that noise explains."""
     shares = {name: float(share) for name, share in shares.items()}
     return Diagnostic(code, {"net": net_text(net_of(step.surface, closure)), **shares, "explained": float(explained)})
 
 
 def first_net(net: tuple[int, int] | None, closure: str) -> tuple[int, int]:
-    """Choose the net to begin with: the usual one, if halving its spans leads to that asked for, otherwise that."""
+    """Choose the first net: the default one if halving its spans leads to the net asked for, otherwise that net."""
     if net is None:
         return DEFAULT_NET
     # Cubic splines have three control points more than spans, and around the organ one where they close smoothly.
@@ -132,18 +133,19 @@ def first_net(net: tuple[int, int] | None, closure: str) -> tuple[int, int]:
 
 
 def noise_share(n_dof: int, voxels: float) -> float:
-    """Share of the cost that so much more freedom takes off pure noise.
+    """Relative decrease of the cost that additional degrees of freedom bring on pure noise.
 
     Parameters
     ----------
     n_dof : int
-        Degrees of freedom that are new; a third of them moves the surface along its normal.
+        Number of additional degrees of freedom; a third of them moves the surface along its normal.
     voxels : float
-        How many are compared with the virtual image, see :meth:`.schedule.Schedule.voxels_along`.
+        Number of voxels along the surface, see :meth:`.schedule.Schedule.voxels_along`.
 
     Returns
     -------
     float
-        Least squares: each one takes the part of one independent number off, and every voxel is one.
+        In least squares each parameter lowers the sum of squares by the share of one independent observation, and every
+        voxel is one.
     """
     return n_dof / 3.0 / voxels

@@ -1,4 +1,4 @@
-"""Control nets of closed organs: their size and closure, their samples, and finer ones for the same surface."""
+"""Control nets of closed organs: size, closure, samples, and refinement."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .sample_grid import SampledSurface, SampleGrid
 
 
 def sampled(surface: BSplineSurface, closure: str) -> SampledSurface:
-    """Take the degrees of freedom of a closed organ, and the samples for its net."""
+    """Make the degrees of freedom of a closed organ, with the samples for the size of its net."""
     closed = closed_organ_parametrization(surface, closure=closure)
     return SampledSurface(closed, SampleGrid.on(surface, grid_shape(net_of(surface, closure))))
 
 
 @lru_cache(maxsize=8)
 def sampled_net(net: tuple[int, int], closure: str, halvings: int = 0) -> SampledSurface:
-    """Make what depends on the net alone: its degrees of freedom and its samples, here of the unit sphere.
+    """Make degrees of freedom and samples of the unit sphere with a net whose spans are halved a number of times.
 
-    Ellipsoids are affine images of each other, and so are the rings at their poles: one parametrization serves all, and
-    one for each time that their spans are halved.
+    They are cached and serve for every organ: generic models are affine images of each other at their poles, so that
+    their parametrizations are equal.
     """
     model = closed_organ(net, closure=closure)
     for _ in range(halvings):
@@ -33,9 +33,10 @@ def sampled_net(net: tuple[int, int], closure: str, halvings: int = 0) -> Sample
 
 
 def grid_shape(net: tuple[int, int]) -> tuple[int, int]:
-    """Count the samples around the tube and from pole to pole: three to a span, two where there are very many.
+    """Choose the number of samples around the organ and from pole to pole: three per span, two in nets of many spans.
 
-    With two everywhere, organs in noise or in thick slices are off by 0.01 to 0.03 mm more, and fits are no faster.
+    With two everywhere, the errors of organs in noise or in thick slices grow by 0.01 to 0.03 mm, and fits are not
+    faster.
     """
     around, along = net[0] - 1, net[1] - 3
     return max(3 * min(around, 16), 2 * around, 24), max(3 * min(along, 16), 2 * along, 12)
@@ -48,18 +49,18 @@ def net_of(surface: BSplineSurface, closure: str) -> tuple[int, int]:
 
 
 def halvings_to(surface: BSplineSurface, net: tuple[int, int], closure: str) -> int:
-    """How often the spans of a net were halved to come to that of a surface."""
+    """Count how often the spans of a net were halved to make the net of a surface."""
     # Cubic splines have three control points more than spans.
     return int(np.log2((net_of(surface, closure)[1] - 3) // (net[1] - 3)))
 
 
 def net_text(net: tuple[int, int]) -> str:
-    """Size of a net in words, such as "9x7"."""
+    """Size of a net as text, such as "9x7"."""
     return f"{net[0]}x{net[1]}"
 
 
 def closure_of(surface: BSplineSurface) -> str:
-    """How a surface is closed.
+    """Find out how a surface is closed.
 
     Parameters
     ----------
@@ -80,27 +81,27 @@ def closure_of(surface: BSplineSurface) -> str:
         smooth = closed_organ_parametrization(surface, closure="smooth")
     except ValueError:
         return "paper"
-    # All smooth nets together are a linear space: is this one of them?
+    # Smooth nets are a linear space; the net is smooth if its projection to that space is the net itself.
     empty = smooth.at(surface.with_control_net(np.zeros_like(surface.control_net)))
     nearest = empty.control_net(empty.fit(surface.control_net))
     return "smooth" if np.abs(nearest - surface.control_net).max() <= 1e-6 * surface.size else "paper"
 
 
 def refined(surface: BSplineSurface, span: float, *, closure: str) -> BSplineSurface:
-    """Make the net of a surface finer, until its spans are at most so long.
+    """Refine the net of a surface until its spans are at most as long as given, without changing the surface.
 
     Parameters
     ----------
     surface : BSplineSurface
     span : float
-        mm.
+        Largest length of a span, mm.
     closure : {"smooth", "paper"}
 
     Returns
     -------
     BSplineSurface
-        Spans are halved, all of one direction at once, so that nets stay even and those of later corrections fit into
-        each other; no net gets more than 65 rows or columns.
+        All spans of one direction are halved together, so that nets are uniform and those of successive corrections
+        are nested. No net gets more than `LARGEST_NET` rows or columns.
     """
     while True:
         limits = [surface.span_limits(axis) for axis in (0, 1)]

@@ -1,17 +1,17 @@
-"""How an organ is fitted: separated, placed, scaled globally, registered locally.
+"""The fit of one organ, from the seeds to the result.
 
 1. *Separate* the organ: a region of voxels around the seeds.
 2. *Place* a generic model by the region's centre, principal axes and moments.
-3. *Scale* it globally, on the distance image of the region.
-4. *Register* it locally: on the region, then on the grey levels, coarse and fine. Between these two, the width of the
-   edge and the noise are measured, and the profile and the weights of the energies chosen by them.
-5. Again with *finer nets*, while they lower the cost by more than noise explains.
-6. *Refuse* a surface that has folded or gone too far: it is fitted again, held closer to the region.
-7. Last, *boundary points* pull it where a doctor knows better. Where they lie so far off that the start has failed, the
-   organ is separated again through them, and fitted from there, before they pull.
+3. *Scale* the model globally, on the distance image of the region.
+4. *Register* it locally: on the region, then on the grey levels, coarse and fine. Between coarse and fine, the width of
+   the edge and the noise are measured, and tau and the weights of the energies are chosen.
+5. Repeat with *finer nets* while they lower the cost by more than noise explains.
+6. *Refuse* a surface that has folded or is too far from the region; it is fitted again, held closer to the region.
+7. Correct the surface by *boundary points*. If they are so far from the surface that the separation must have failed,
+   the organ is first separated again through the points, and fitted from there.
 
-Everything but that happens in the frame of the organ's principal axes, so that the result depends neither on how the
-volume lies in the world nor on the order of its axes in memory.
+Steps 2 to 6 run in the frame of the organ's principal axes, so that the result depends neither on the position of the
+volume in RAS nor on the order of its axes in memory.
 """
 
 from __future__ import annotations
@@ -108,10 +108,10 @@ def fit_region(
         The separated organ, on the image's grid.
     options : FitOptions, optional
     boundary_points : (n, 3) array_like, optional
-        Where the wall is known to be, RAS mm. After the fit they pull the surface in their surroundings, see
-        :mod:`.correction`; the net becomes finer for it.
+        Points on the organ's wall, RAS mm. After the fit the surface is corrected around them, see :mod:`.correction`,
+        with a finer net if necessary.
     further : sequence of Stack, Image or path
-        More stacks of the patient, which the surface is fitted to as well, see :mod:`.stacks`.
+        Further stacks of the patient, to which the surface is fitted as well, see :mod:`.stacks`.
 
     Yields
     ------
@@ -143,7 +143,7 @@ def fit_region(
 
 
 def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSplineSurface, Schedule, np.ndarray]:
-    """Place a generic model and plan its fit; returns both, and their frame: (4, 4) to RAS mm."""
+    """Place a generic model and make the schedule of its fit; returns both, and the matrix (4, 4) to RAS mm."""
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, options.filled_in(threshold=region.threshold))
     net = first_net(options.net, options.closure)
@@ -154,7 +154,9 @@ def _planned(image: Image, region: Region, options: FitOptions) -> tuple[BSpline
 def complete_region(
     image: Image, region: Region, options: FitOptions, stacks: tuple[Stack, ...], history: list[Step]
 ) -> Generator[Step, None, tuple[Region, tuple[Stack, ...]]]:
-    """Complete a region that the first stack cuts off from the others, where a surface of it shows how they moved.
+    """Complete a region that the first stack cuts off, by what further stacks show beyond its border.
+
+    A surface is fitted in the first stack alone, and the motions of the further stacks are found with it.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def complete_region(
     options : FitOptions
     stacks : tuple of Stack
     history : list of Step
-        Gets the steps of a fit to the first stack alone.
+        The steps of the fit to the first stack are appended.
 
     Yields
     ------
@@ -189,15 +191,15 @@ def complete_region(
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a fit has come to, beside the surface of its last step.
+    """Result of a fit before boundary points, without the surface, which is that of the last step.
 
     Parameters
     ----------
     options : FitOptions
-        With everything filled in.
+        With the automatic choices filled in.
     choices : tuple of Choice
     cost_initial : float
-        Cost of the generic model, or of the surface that is fitted again, seen with the levels of the last stage.
+        Cost of the surface from which the fit started, with the levels of the last stage.
     stacks : tuple of StackUse
     """
 
@@ -210,7 +212,7 @@ class Outcome:
 def _register(
     model: BSplineSurface, schedule: Schedule, options: FitOptions, stacks: JointStacks
 ) -> Generator[Step, None, Outcome]:
-    """Register a generic model, step by step, in the organ's frame; without stacks that contradict the first one."""
+    """Register a generic model in the organ's frame; repeated without a stack that contradicts the first one."""
     start = yield from _started(model, schedule)
     while True:
         outcome = yield from _on_grey_levels(model, start, schedule, options, stacks)
@@ -220,7 +222,7 @@ def _register(
 
 @dataclass(frozen=True)
 class _Start:
-    """Last steps of the stages in the first stack: global scaling, on the region, and coarse on the grey levels."""
+    """Last steps of three stages in the first stack: scaling, region, and grey levels, coarse."""
 
     scaled: Step
     on_region: Step
@@ -228,7 +230,7 @@ class _Start:
 
 
 def _started(model: BSplineSurface, schedule: Schedule, prefix: str = "") -> Generator[Step, None, _Start]:
-    """Bring a generic model near the edge in the first stack; the names of the stages get a prefix."""
+    """Run those three stages from a generic model; the prefix is put before their names."""
     closure = schedule.options.closure
     space = sampled_net(net_of(model, closure), closure)
     scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
@@ -242,13 +244,13 @@ def _started(model: BSplineSurface, schedule: Schedule, prefix: str = "") -> Gen
 def _on_grey_levels(
     model: BSplineSurface, start: _Start, schedule: Schedule, options: FitOptions, stacks: JointStacks
 ) -> Generator[Step, None, Outcome]:
-    """Register on the grey levels of all stacks, coarse and fine, with finer and finer nets."""
+    """Register on the grey levels of all stacks, coarse and fine, then with finer nets."""
     scaled, on_region = start.scaled, start.on_region
     first = net_of(model, options.closure)
     space = sampled_net(first, options.closure)
     schedule, coarse = yield from stacks.joined(schedule, start.coarse, space)
     if not schedule.views:
-        # One stack alone takes the same way as without those that were left out.
+        # If all further stacks were left out, the result must be that of the first stack alone.
         schedule = schedule.without_partial_volumes()
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
     fine = yield from last_step(schedule.fine, space.at(coarse.surface))
@@ -265,7 +267,7 @@ def _on_grey_levels(
 
 
 def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Schedule) -> float:
-    """Cost of the generic model with the levels along the surface that was found; its net becomes as fine."""
+    """Cost of the generic model, with the levels along the surface that was found."""
     net, closure = schedule.options.net, schedule.options.closure
     halvings = halvings_to(found, net, closure)
     for _ in range(halvings):
@@ -275,7 +277,7 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
 
 
 def pulling(points: np.ndarray, options: FitOptions) -> np.ndarray:
-    """Boundary points that count: none if their weight is 0."""
+    """Return the boundary points that are used: none if their weight is 0."""
     return points if options.boundary_weight > 0.0 else points[:0]
 
 
@@ -290,23 +292,23 @@ def completed(
     start: float,
     surface: BSplineSurface | None = None,
 ) -> Generator[Step, None, OrganFit]:
-    """Let boundary points pull what was found, and put together what came out.
+    """Correct the surface by boundary points, and collect the result.
 
     Parameters
     ----------
     image : Image
     history : list of Step
-        So far; gets the steps of a fit to another start.
+        Steps so far; those of a second fit through the boundary points are appended.
     outcome : Outcome
     points : (n, 3) ndarray
         Boundary points, RAS mm.
     asked : FitOptions
-        What the user asked for.
+        As given by the user.
     region : Region or None
     start : float
-        When the fit began, in seconds of :func:`time.perf_counter`.
+        Start of the fit, in seconds of :func:`time.perf_counter`.
     surface : BSplineSurface, optional
-        What the points pull, where no step led to it.
+        The surface before the correction; that of the last step if not given.
 
     Yields
     ------
@@ -356,9 +358,9 @@ def _restarted(
     stacks: Sequence[StackUse],
     history: list[Step],
 ) -> Generator[Step, None, OrganFit | None]:
-    """Fit an organ again from a region through its boundary points, where these contradict the start.
+    """Separate an organ again through its boundary points, and fit it, if the points contradict the first fit.
 
-    Returns None where they do not, or where that fit does not explain them: then the image shows no such organ.
+    Returns None if they do not, or if the new fit does not agree with them better.
     """
     if not len(points):
         return None
@@ -376,6 +378,6 @@ def _restarted(
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:
-    """Say that boundary points needed a finer net than the one that was chosen."""
+    """Add to the choice of the net that boundary points needed a finer one."""
     reason = Diagnostic("made_finer", {"net": choice.value})
     return replace(choice, value=net_text(net), reasons=(*choice.reasons, reason))

@@ -13,7 +13,6 @@ from ..imaging.image import Image
 from ..imaging.region import Region
 from .choices import Choice
 from .confidence import Confidence, confidence_of
-from .drift_limit import left_out
 from .nets import net_text
 from .options import FitOptions
 from .stacks import StackUse
@@ -29,34 +28,34 @@ class OrganFit:
     surface : BSplineSurface
         RAS mm, outward normals.
     region : Region or None
-        The separated region it started from; None after :func:`.refit.refit` without one. Where boundary points lie so
-        far off that the start has failed, the one through them.
+        The separated region; None after :func:`.refit.refit` without one. If the organ was separated again through
+        boundary points, that region.
     history : tuple of Step
         All iterations.
     converged : bool
-        Whether the last stage on the grey levels met its stop rule, and that of the boundary points if there were any.
+        Whether the last stage on the grey levels ended by its tolerances, and the stage of the boundary points too.
     cost_initial, cost_final : float
-        Cost of the generic model as placed (of the given surface after :func:`.refit.refit`), seen with the levels of
-        the last stage on the grey levels, and of the last step: mean squared residual in units of the contrast between
-        inside and outside.
+        Mean squared residual in units of the contrast between inside and outside: of the generic model as placed (of
+        the given surface after :func:`.refit.refit`), with the levels of the last stage on the grey levels, and of the
+        last step.
     seconds : float
-        Time from the separated region or the given surface to the surface.
+        Computing time, without the separation of the region.
     options : FitOptions
-        As used, with automatic choices filled in. ``net`` is that of `surface`: finer than asked for where boundary
-        points needed it.
+        As used, with automatic choices filled in. ``net`` is that of `surface`, which is finer than asked for if
+        boundary points needed it.
     boundary_points : (n, 3) ndarray
-        The points that pulled the surface, RAS mm; none without points or with weight 0.
+        The points that were used, RAS mm; none if their weight is 0.
     uncorrected : BSplineSurface
-        The surface before the boundary points were looked at: to start from when one of them is removed.
+        The surface before the correction by boundary points; to start from when one of them is removed.
     choices : tuple of Choice
-        What was chosen for the net, tau and the smoothness, and why.
+        The net, tau and smoothness that were chosen, with the reasons.
     image : Image
-        The grey levels that it was fitted to.
+        The grey levels to which it was fitted.
     stacks : tuple of StackUse
-        What became of each further stack, in the order in which they were given.
+        Motion and use of each further stack, in the given order.
     whole_region : Region or None
-        The region completed by what further stacks show beyond the border of the first one, on its grid continued;
-        None where nothing was added.
+        The region together with what further stacks show beyond the border of the first one, on the grid of the first
+        one extended beyond its border; None if nothing was added.
 
     Examples
     --------
@@ -103,13 +102,8 @@ class OrganFit:
 
     @cached_property
     def confidence(self) -> Confidence:
-        """How sure the surface is, point by point."""
+        """Standard deviation of the surface, point by point."""
         return confidence_of(self.image, self.surface, self.options, stacks=self.stacks)
-
-    @cached_property
-    def left_out(self) -> tuple[float, str]:
-        """How far the region reaches beyond the surface, mm, and at which side; see :func:`.drift_limit.left_out`."""
-        return (0.0, "") if self.region is None else left_out(self.surface, self.whole_region or self.region)
 
     @property
     def iterations(self) -> int:

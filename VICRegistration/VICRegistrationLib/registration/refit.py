@@ -1,4 +1,4 @@
-"""A surface that is there already, fitted to the grey levels again, or pulled to boundary points."""
+"""Fit a given surface to the grey levels again, or correct it by boundary points."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .stacks import Stack, stacks_beside
 from .stages import Step, last_step
 from .steps import recorded
 
-# A surface whose cost falls by more than this share as soon as it is let go does not lie at its edge. Those that were
-# fitted gain 0.03 to 0.36 on phantoms and real bladders, those that were moved by 1.5 mm at least 0.65.
+# A surface does not lie at its edge if a stage without strong anchor lowers its cost by more than this share. Fitted
+# surfaces gain 0.03 to 0.36 on phantoms and real bladders, those that were moved by 1.5 mm at least 0.65.
 _LARGEST_GAIN_AT_EDGE = 0.5
 
 
@@ -37,28 +37,28 @@ def refit(
     region: Region | None = None,
     further: Sequence[Stack | Image] = (),
 ) -> Generator[Step, None, OrganFit]:
-    """Fit a surface again that is there already, step by step.
+    """Fit a given surface again, step by step.
 
-    Without boundary points, the whole surface is fitted to the grey levels, and held where it lies if that is its edge
-    already. With boundary points, they pull the surface in their surroundings, see :mod:`.correction`, and everything
-    else stays where it is, what earlier points have moved too. Points more than 10 mm off contradict the start, see
-    :mod:`.restart`: if a shape through them is seen in the image, the organ is fitted to that first. To remove a point,
-    start from `OrganFit.uncorrected` with those that are left.
+    Without boundary points, the whole surface is fitted to the grey levels. If it lies at its edge already, it is held
+    there. With boundary points, the surface is corrected around the points only, see :mod:`.correction`; corrections by
+    earlier points stay. Points more than 10 mm off contradict the surface, see :mod:`.restart`: if the image shows an
+    organ through them, that organ is fitted first. To remove a point, start from `OrganFit.uncorrected` with the
+    remaining points.
 
     Parameters
     ----------
     image : Image or path
         The grey levels.
     surface : BSplineSurface
-        A closed organ near its edge, RAS mm. Its net and its closure count, not those of the options; the options' net
-        is for another start.
+        A closed organ near its edge, RAS mm. It keeps its net and its closure; the net of the options is used only if
+        the organ is separated again.
     options : FitOptions, optional
     boundary_points : (n, 3) array_like, optional
-        Where the wall is known to be, RAS mm.
+        Points on the organ's wall, RAS mm.
     region : Region, optional
-        What the surface was fitted to before: it becomes that of the result, unless the organ is separated again.
+        The region of the earlier fit, for the result. It is replaced if the organ is separated again.
     further : sequence of Stack, Image or path
-        More stacks of the patient. `StackUse.stack` begins with the motion that an earlier fit has found.
+        Further stacks of the patient. `StackUse.stack` of an earlier fit starts with the motion that was found.
 
     Yields
     ------
@@ -95,7 +95,7 @@ def refit(
 
 
 def _kept(image: Image, surface: BSplineSurface, options: FitOptions, stacks: JointStacks) -> Outcome:
-    """Choose by a surface that stays as it is."""
+    """Choose the options by a surface that is not fitted before the correction."""
     schedule, choices = choose_beside(surface, Schedule.around(image, surface, options), options)
     schedule = stacks.beside(schedule, surface)
     cost = schedule.fine.cost_of(sampled(surface, options.closure), surface)
@@ -107,9 +107,9 @@ def _fit_again(
 ) -> Generator[Step, None, Outcome]:
     """Fit a surface to the grey levels again, step by step.
 
-    A first stage lets the surface go, and is not kept: by what it comes to, smoothness and anchor are chosen as in a
-    first fit. If it gains much, the surface lay beside its edge, and is held only where the coarse stage has brought
-    it. Otherwise it is held where it lies, as the region held it when it was fitted: fitted again, it moves little.
+    Smoothness and anchor are chosen by a first coarse stage, whose surface is not kept. If it lowers the cost by much,
+    the given surface was not at its edge: a second coarse stage is run, and the fine stage is anchored to its surface.
+    Otherwise the fine stage is anchored to the given surface, which then moves little.
     """
     schedule, _ = choose_beside(surface, Schedule.around(image, surface, options), options)
     schedule = stacks.beside(schedule, surface)

@@ -1,4 +1,4 @@
-"""The separated region as an image that a surface can be correlated with from far away."""
+"""The separated region as a distance image, with which a surface is correlated before it is near the edge."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..imaging.region import Region
 from ..imaging.resampling import resampled, signed_distances
 from ..imaging.sampling import Sampler
 
-# Voxels of the distance image: enough to carry the region's shape, few enough to be looked up fast. Each is the mean of
-# 2x2x2 finer ones, whose steps of 1 mm would show in the surface otherwise. Half and twice as many voxels change the
-# mean distances of the demo's organs by 0.004 mm, of two real bladders and of a bent tube by 0.011 mm at most.
+# Number of voxels of the distance image, a compromise of detail and speed. Each is the mean of 2x2x2 finer voxels,
+# because the steps of a binary mask would show in the surface otherwise. Half and twice as many voxels change the mean
+# distances of the demo's organs by 0.004 mm, of two real bladders and of a bent tube by 0.011 mm at most.
 _GRID_VOXELS = 100_000
 _FINER = 2
-# With fewer inside the shape is not known.
+# Smallest number of voxels inside.
 _LEAST_VOXELS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class RegionImage:
-    """Signed distance from a region's boundary on a grid along the organ's own axes.
+    """Signed distance from a region's boundary, on a grid along the organ's principal axes.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class RegionImage:
 
     @cached_property
     def sampler(self) -> Sampler:
-        """The distances as an image to be compared with."""
+        """Interpolates the distances."""
         return Sampler(self.distance)
 
     @cached_property
@@ -48,17 +48,17 @@ class RegionImage:
         return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume
 
     def shape(self, extents: np.ndarray) -> OrganShape:
-        """Describe the organ to generic models; `extents` are its standard deviations along the axes, (3,) mm."""
+        """Make the input of generic models; `extents` are standard deviations along the axes, (3,) mm."""
         return OrganShape(extents, self.distance.array < 0.0, self.distance.ijk_to_ras, self._distances)
 
     def _distances(self, points: np.ndarray) -> np.ndarray:
-        """Distances at points (n, 3); what lies outside of the image is as far as its rim."""
+        """Signed distances at points (n, 3), mm; outside of the image, the largest distance in it."""
         values, seen = self.sampler.values(points)
         return np.where(seen, values, self.distance.array.max())
 
 
 def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> RegionImage:
-    """Distance image of a region.
+    """Make the distance image of a region.
 
     Parameters
     ----------
@@ -66,16 +66,21 @@ def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> 
     local_to_ras : (4, 4) ndarray
         Rigid frame of the organ: its axes and centre.
     margin : float
-        Width of the surroundings covered, mm.
+        Width of the surroundings, mm.
 
     Returns
     -------
     RegionImage
 
+    Raises
+    ------
+    ValueError
+        If the region is too small or too thin.
+
     Notes
     -----
-    The mask is interpolated before it is cut at one half, so that thick slices do not leave terraces, and the grid
-    follows the organ, so that a volume turned in the world gives the same numbers.
+    The mask is interpolated linearly and then thresholded at one half, so that thick slices leave no terraces. The grid
+    follows the organ's axes, so that the result does not depend on the orientation of the volume.
     """
     ras_to_local = np.linalg.inv(local_to_ras)
     corners = _outline(region) @ ras_to_local[:3, :3].T + ras_to_local[:3, 3]
@@ -102,7 +107,7 @@ def region_image(region: Region, local_to_ras: np.ndarray, *, margin: float) -> 
 
 
 def _outline(region: Region) -> np.ndarray:
-    """First and last voxel of every row of the mask, (n, 3) RAS mm: they span the region's bounding boxes."""
+    """First and last voxel of every row of the mask, (n, 3) RAS mm; their bounding box is that of the region."""
     filled = region.mask.any(axis=2)
     k, j = np.nonzero(filled)
     rows = region.mask[k, j]

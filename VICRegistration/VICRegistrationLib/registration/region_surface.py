@@ -1,4 +1,4 @@
-"""The last resort: a region's own surface, smoothed until it is a valid solid, where every fit has folded."""
+"""A closed surface made of a region alone, smoothed until it is a valid solid; taken if every fit has folded."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from ..geometry.validity import check_surface
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 
-# Widths over which radii are averaged, radians, one after the other until the surface is valid; the last makes a ball.
+# Standard deviations of the Gaussian that smooths the radii, radians, tried until the surface is valid; the last one
+# gives a ball.
 _WIDTHS = (0.15, 0.3, 0.5, 0.8, np.inf)
 # Samples along each ray.
 _SAMPLES = 200
 
 
 def closed_surface(distance: Image, net: tuple[int, int], closure: str) -> BSplineSurface:
-    """Make a valid closed surface of a region, as it is seen from its deepest place.
+    """Make a valid star-shaped surface of a region, with its centre at the place farthest from the boundary.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def closed_surface(distance: Image, net: tuple[int, int], closure: str) -> BSpli
 
 
 def _placed(distance: Image, center: np.ndarray, ball: np.ndarray, width: float) -> np.ndarray:
-    """Take points of the unit sphere (n, 3) out to the region's boundary, with radii averaged over a width."""
+    """Map points of the unit sphere (n, 3) to the region's boundary, with radii smoothed by a width in radians."""
     directions = ball / np.linalg.norm(ball, axis=1, keepdims=True)
     longest = np.linalg.norm(distance.spacing * distance.size)
     along = np.linspace(0.0, longest, _SAMPLES)

@@ -25,12 +25,12 @@ class Iterate:
     q : (n_dof,) ndarray
         Degrees of freedom.
     cost : float
-        Mean squared residual in units of the contrast, without the regularisation.
+        Mean squared residual in units of the contrast, without the energies.
     decrease : float
-        Relative decrease of the cost and its regularisation in this iteration.
+        Relative decrease of the objective, cost and energies, in this iteration.
     expected : float
-        Relative decrease that the first step tried was expected to bring; far more than `decrease` where the solver is
-        stuck.
+        Predicted relative decrease of the first step that was tried; if `decrease` is far smaller, the solver has not
+        found a better point.
     change : float
         Largest change of a degree of freedom in this iteration.
     displacement : float
@@ -46,7 +46,7 @@ class Iterate:
 
 
 def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) -> Iterator[Iterate]:
-    """Gauss-Newton iterations with Levenberg-Marquardt damping, without end.
+    """Gauss-Newton iterations with Levenberg-Marquardt damping, without a stop rule.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) ->
     Yields
     ------
     Iterate
-        One for every iteration. An iteration that finds no better point yields the old one with no displacement.
+        One for every iteration. If no better point was found, it is the last point with a displacement of 0.
 
     Notes
     -----
-    The damping follows the ratio of the real to the predicted decrease (Nielsen, IMM-REP-1999-05); it grows too where
-    the damped matrix is not positive definite.
+    The damping is adapted to the ratio of the real to the predicted decrease (Nielsen, IMM-REP-1999-05). It also grows
+    if the damped matrix is not positive definite.
     """
     damping = _Damping()
     while True:
@@ -97,23 +97,23 @@ def gauss_newton(objective: Objective, q: np.ndarray, *, largest_step: float) ->
 
 
 class _Damping:
-    """Levenberg-Marquardt damping that follows the ratio of the real to the predicted decrease (Nielsen)."""
+    """Levenberg-Marquardt damping, adapted to the ratio of the real to the predicted decrease (Nielsen)."""
 
     def __init__(self) -> None:
         self.value, self._growth = 1e-3, 4.0
 
     def succeeded(self, gain: float) -> None:
-        """Damp less after a step that brought what was predicted, more after one that brought little."""
+        """Adapt the damping to the ratio `gain` of real to predicted decrease: less for a ratio near 1 or above."""
         self.value = max(self.value * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-4)
         self._growth = 4.0
 
     def failed(self) -> None:
-        """Damp more, and the more the more often it fails."""
+        """Damp more; the factor doubles with each failure."""
         self.value, self._growth = min(self.value * self._growth, 1e6), 2.0 * self._growth
 
 
 def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float) -> Iterator[Iterate]:
-    """Steepest descent with a line search, without end: the optimiser of the paper.
+    """Steepest descent with a line search, without a stop rule: the optimiser of the paper.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ def gradient_descent(objective: Objective, q: np.ndarray, *, largest_step: float
 
     Notes
     -----
-    Degrees of freedom are normalised by the displacement they cause (the parameter normalisation that the paper asks
-    for when translations are free too). The step length doubles after a success and halves until the cost falls.
+    Degrees of freedom are normalised by the displacement that they cause (the paper's parameter normalisation for free
+    translations). The step length doubles after each iteration and halves until the cost falls.
     """
     normalisation = 1.0 / np.maximum(objective.scales(), 1e-12) ** 2
     length = None
@@ -162,27 +162,27 @@ SOLVERS = {"gauss-newton": gauss_newton, "gradient-descent": gradient_descent}
 
 
 def _share(decrease: float, value: float) -> float:
-    """Relative decrease; nothing can be gained where the value is zero, as for a surface out of the volume."""
+    """Relative decrease; 0 if the value is zero, as for a surface outside of the volume."""
     return decrease / value if value > 0.0 else 0.0
 
 
 def _keeps_orientation(before: Sequence[Samples], after: Sequence[Samples]) -> bool:
-    """Whether a step leaves no surface mirrored (det R > 0)."""
-    return all(_content(one.frame) * _content(other.frame) > 0.0 for one, other in zip(before, after))
+    """Whether a step mirrors no surface (det R > 0)."""
+    return all(_signed_volume(one.frame) * _signed_volume(other.frame) > 0.0 for one, other in zip(before, after))
 
 
-def _content(frame: Frame) -> float:
-    """Signed volume between the surface and its centre, up to a factor: an affine map multiplies it by det R."""
+def _signed_volume(frame: Frame) -> float:
+    """Signed volume between the surface and its centre, up to a factor; an affine map multiplies it by det R."""
     return float(np.vdot(frame.points - frame.points.mean(axis=0), frame.cross))
 
 
 def _damped(hessian) -> Callable[[np.ndarray, float], np.ndarray | None]:
-    """Prepare to solve (H + damping diag H) step = -gradient; None where that is not positive definite."""
+    """Make a function that solves (H + damping diag H) step = -gradient; None if that is not positive definite."""
     banded = BandedMatrix(hessian) if sparse.issparse(hessian) else None
     diagonal = hessian.diagonal()
 
     def solve(gradient: np.ndarray, damping: float) -> np.ndarray | None:
-        # Directions without any support get the mean support, so that the matrix stays regular.
+        # The mean is added for degrees of freedom with a zero on the diagonal, so that the matrix is regular.
         lift = damping * (diagonal + diagonal.mean()) + 1e-9 * diagonal.mean() + 1e-300
         try:
             if banded is not None:

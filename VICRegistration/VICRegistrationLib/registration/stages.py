@@ -1,4 +1,4 @@
-"""A multi-scale plan: stages that run one after the other, each a generator of steps."""
+"""A stage of a registration: one image or several, weights, a solver and stop rules; run as a generator of steps."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from .solvers import SOLVERS, Iterate
 from .virtual_image import VirtualImage
 
 STOP_RULES = ("displacement", "parameters")
-# A solver that expected a larger share of the cost than this to go, and got almost nothing, is stuck, not at rest.
+# A solver that expected to lower the cost by a larger share than this, and lowered it by far less, has not converged.
 _STUCK = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class FurtherImage:
-    """A further image that a stage compares its surface with.
+    """A further image with which a stage compares its surface.
 
     Parameters
     ----------
     sampler : Sampler
         The image, in the frame of the surface.
     virtual : VirtualImage
-        With the image's own levels, width of the edge and voxel.
+        With this image's levels, width of the edge and voxel.
     trust : float
-        How much a voxel of it counts beside one of the first image.
+        Weight of a voxel, relative to a voxel of the first image.
     """
 
     sampler: Sampler
@@ -39,7 +39,7 @@ class FurtherImage:
 
 
 def line_shares(images: Sequence[FurtherImage], frame: Frame, reach: float) -> np.ndarray:
-    """Divide each normal line's weight among several images of one surface.
+    """Divide the weight of each normal line among several images of one surface.
 
     Parameters
     ----------
@@ -52,21 +52,21 @@ def line_shares(images: Sequence[FurtherImage], frame: Frame, reach: float) -> n
     Returns
     -------
     (len(images), n) ndarray
-        Sums to 1 on every line: a line has the weight that it has with one image, so that the energies keep theirs.
+        Sums to 1 on every line, so that the total weight of the images relative to the energies is that of one image.
 
     Notes
     -----
-    An image counts by the voxels that it has for a piece of the surface, and by the inverse square of a voxel's length
-    along the normal: the steeper the edge, the better its place is known. Where a line leaves an image, that has no
-    part of it.
+    An image's part is proportional to its number of voxels per area of the surface, and to the inverse square of a
+    voxel's length along the normal, because a sharper edge determines the surface better. An image has no part of a
+    line that leaves it.
     """
     weights = []
     for image in images:
         virtual = image.virtual
         ends = virtual.profile.depths(reach, 3)
-        seen = image.sampler.values(frame.along_normals(ends))[1].mean(axis=1)
+        inside = image.sampler.values(frame.along_normals(ends))[1].mean(axis=1)
         length = np.linalg.norm(frame.normals @ virtual.voxel, axis=1)
-        weights.append(image.trust * seen / (abs(np.linalg.det(virtual.voxel)) * length**2))
+        weights.append(image.trust * inside / (abs(np.linalg.det(virtual.voxel)) * length**2))
     total = np.sum(weights, axis=0)
     return np.where(total > 0.0, np.array(weights) / np.where(total > 0.0, total, 1.0), 1.0 / len(images))
 
@@ -82,15 +82,16 @@ class Stage:
     sampler : Sampler
         The image of this stage.
     virtual : VirtualImage
-        What it is compared with.
+        The virtual image of this stage.
     reach : float
-        Samples lie between -reach and +reach widths from the surface (from the middle of the ramp).
+        Samples lie within this distance from the middle of the ramp, in widths of the ramp.
     n_depths : int
         Number of samples along each normal.
     bending, sliding, anchor : float
-        Weights of energies of the displacement since the stage began, in units of the ramp's width; dimensionless.
-        Bending is the thin-plate energy (1 for one wave around the organ as high as the ramp is wide), sliding the mean
-        square within the surface, which the image does not determine, anchor the mean square along the normal.
+        Dimensionless weights of three energies of the displacement since the stage began, with the ramp's width as unit
+        of length. Bending: thin-plate energy (1 for one wave around the organ with the ramp's width as amplitude).
+        Sliding: mean square within the surface, which the image does not determine. Anchor: mean square along the
+        normal.
     loss : {"squares", "huber"}
         With "huber", samples with large residuals have less weight, see :func:`.cost.huber_shares`.
     solver : {"gauss-newton", "gradient-descent"}
@@ -99,12 +100,12 @@ class Stage:
         `tolerance`: the paper's rules for local and for global registration.
     tolerance : float
     cost_tolerance : float
-        Stop as well when an iteration lowered the cost by less than this fraction; 0 leaves only the paper's rules.
+        Stop also when an iteration lowered the cost by less than this fraction; 0 switches this rule off.
     max_iterations : int
     largest_step : float
         Largest displacement of a control point in one iteration, mm.
     further : tuple of FurtherImage
-        More images that show the same surface.
+        Further images of the same surface.
     """
 
     name: str
@@ -125,12 +126,12 @@ class Stage:
     further: tuple[FurtherImage, ...] = ()
 
     def correlation(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> Correlation:
-        """Make the correlation of a surface with the image of this stage, with shares of the lines' weights."""
+        """Make the correlation of a surface with the first image; `share` are factors of the lines' weights."""
         depths = self.virtual.profile.depths(self.reach, self.n_depths)
         return Correlation(self.sampler, self.virtual, surface, depths=depths, loss=self.loss, share=share)
 
     def correlations(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> tuple[Correlation, ...]:
-        """Make the correlations of a surface with all images, each with its part of the lines' weights."""
+        """Make the correlations with all images; their parts of the lines' weights are multiplied by `share`."""
         if not self.further:
             return (self.correlation(surface, share=share),)
         images = (FurtherImage(self.sampler, self.virtual), *self.further)
@@ -142,19 +143,19 @@ class Stage:
         )
 
     def objective(self, surface: SampledSurface) -> Objective:
-        """Make what this stage minimises over the degrees of freedom of a surface."""
+        """Make the objective of this stage for the degrees of freedom of a surface."""
         first, *others = correlations = self.correlations(surface)
         energies = first.energies(bending=self.bending, sliding=self.sliding, anchor=self.anchor, others=others)
         return Objective(correlations, stiffness=energies)
 
     def cost_of(self, surface: SampledSurface, other: BSplineSurface) -> float:
-        """Cost in all images of another surface that the degrees of freedom reach, with the levels along this one."""
+        """Cost of another surface that the degrees of freedom reach, in all images, with the levels of `surface`."""
         return Objective(self.correlations(surface)).cost_of(other)
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What is known after one iteration.
+    """State of a fit after one iteration.
 
     Parameters
     ----------
@@ -167,10 +168,11 @@ class Step:
     displacement : float
         Largest displacement of a control point, mm.
     surface : BSplineSurface
-        The surface now.
+        The surface after this iteration.
     stopped_by : str
-        Why the stage ends here: "displacement" or "parameters" (its stop rule), "cost" (the cost fell by less than the
-        tolerance), "no better point" (the solver is stuck), "iterations" (as many as allowed); empty before its end.
+        Empty before the end of the stage; then why it ended: "displacement" or "parameters" (its stop rule), "cost"
+        (the cost fell by less than the tolerance), "no better point" (the solver found no lower cost, although it
+        expected one), "iterations" (the limit was reached).
     """
 
     stage: str
@@ -182,12 +184,12 @@ class Step:
 
     @property
     def converged(self) -> bool:
-        """Whether the stage came to rest by its rules."""
+        """Whether the stage has ended by one of its tolerances."""
         return self.stopped_by in (*STOP_RULES, "cost")
 
 
 def run_stage(stage: Stage, surface: SampledSurface) -> Generator[Step, None, np.ndarray]:
-    """Run one stage from a surface on (q = 0).
+    """Run one stage from a surface (q = 0).
 
     Parameters
     ----------
@@ -245,16 +247,16 @@ def iterate_stage(stage: Stage, objective: Objective) -> Iterator[tuple[Iterate,
 
 
 def expected_decrease(stage: Stage, surface: SampledSurface) -> float:
-    """Share of its cost and energies that a stage expects of one Gauss-Newton step from a surface.
+    """Predict the share by which one Gauss-Newton step from a surface lowers the value of a stage's objective.
 
-    What a whole fit brings is about twice as much, where the surface already lies near the edge.
+    Near the edge, a whole fit lowers it by about twice as much.
     """
     iterate, _ = next(iterate_stage(replace(stage, solver="gauss-newton"), stage.objective(surface)))
     return iterate.expected
 
 
 def _stopped_by(stage: Stage, iterate: Iterate) -> str:
-    """Why a stage ends with this iterate, or nothing."""
+    """Return why a stage ends with this iterate, as in :class:`Step`; empty if it goes on."""
     moved = iterate.displacement if stage.stop_rule == "displacement" else iterate.change
     if moved >= stage.tolerance and iterate.decrease >= stage.cost_tolerance:
         return ""

@@ -1,4 +1,4 @@
-"""A fit is a generator of steps that returns its result: run to its end, mapped, recorded."""
+"""Helpers for fits, which are generators of steps that return a result: run one, map its steps, record them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _S, _R = TypeVar("_S"), TypeVar("_R")
 
 
 def finish(steps: Generator[_S, None, _R], on_step: Callable[[_S], None] | None = None) -> _R:
-    """Run a fit to its end.
+    """Run a fit to its end, and return its result.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def finish(steps: Generator[_S, None, _R], on_step: Callable[[_S], None] | None 
     Raises
     ------
     ValueError
-        If the generator was used up before.
+        If the generator was exhausted before.
     """
     while True:
         try:
@@ -46,7 +46,7 @@ def finish(steps: Generator[_S, None, _R], on_step: Callable[[_S], None] | None 
 
 
 def mapped(steps: Generator[_S, None, _R], function: Callable[[_S], object]) -> Generator[object, None, _R]:
-    """Yield what a function makes of each step; returns what the steps return.
+    """Apply a function to every step of a generator, and return the generator's result.
 
     Parameters
     ----------
@@ -72,7 +72,26 @@ def mapped(steps: Generator[_S, None, _R], function: Callable[[_S], object]) -> 
 def recorded(
     steps: Generator[Step, None, _R], history: list[Step], *, local_to_ras: np.ndarray | None = None, prefix: str = ""
 ) -> Generator[Step, None, _R]:
-    """Add all steps to a history, with their surfaces in RAS mm and a prefix; returns what the steps return."""
+    """Append all steps to a history, and return the result of the steps.
+
+    Parameters
+    ----------
+    steps : generator of Step
+    history : list of Step
+    local_to_ras : (4, 4) ndarray, optional
+        Frame of the fit: takes the surfaces to RAS mm.
+    prefix : str
+        Put before the names of the stages.
+
+    Yields
+    ------
+    Step
+        As appended.
+
+    Returns
+    -------
+    object
+    """
 
     def record(step: Step) -> Step:
         if local_to_ras is not None:

@@ -1,4 +1,4 @@
-"""How far a fit can be trusted, in one word, from what is known without the truth."""
+"""The verdict on a fit, in one word, from its diagnostics."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .organ_fit import OrganFit
 
 GOOD, CHECK, POOR = VERDICTS = ("good", "check", "poor")
 
-# Shares of the area from which a fit is to be checked, and from which it is poor. Without an edge: of 74 fits to real
-# bladders from good and bad starts, those below 0.26 were within 1.6 mm of the experts, from 0.36 to 0.61 off by 1.4 to
-# 3.9 mm, and beyond by 3.5 mm and more.
+# Shares of the area from which on the verdict is "check" and "poor". Area without an edge: of 74 fits to real bladders
+# from good and bad starts, those below 0.26 were within 1.6 mm of the experts, those from 0.36 to 0.61 were off by 1.4
+# to 3.9 mm, those beyond by 3.5 mm and more.
 _WITHOUT_EDGE = (0.28, 0.65)
-# At the border of the image: seven real bladders that end in their image have 0 to 0.05 where they are good; cut by a
-# seventh of their slices they have 0.16 and more, and that of a PROSTATEx image 0.12.
+# Area at the border of the image: seven real bladders that end inside of their images have 0 to 0.05 if the fit is
+# good; with a seventh of their slices cut off they have 0.16 and more, and the bladder of a PROSTATEx image has 0.12.
 _AT_BORDER = (0.08, np.inf)
 _SHARES = {"no_edge_in_places": _WITHOUT_EDGE, "no_edge_at_side": _WITHOUT_EDGE, "reaches_border": _AT_BORDER}
 _CHECKED = (
@@ -30,14 +30,14 @@ _POOR = ("invalid_surface", "no_clear_edge", "volume_differs")
 
 @dataclass(frozen=True)
 class Verdict:
-    """How far a fit can be trusted.
+    """How reliable a fit is.
 
     Parameters
     ----------
     word : {"good", "check", "poor"}
-        Good: within 1.5 mm of the organ, as far as can be known. Check: look at the contour. Poor: not to be used.
+        Good: expected within 1.5 mm of the organ. Check: look at the contour. Poor: do not use it.
     reasons : tuple of Diagnostic
-        Why it is not good.
+        Why it is not good; empty if it is.
     """
 
     word: str
@@ -67,7 +67,7 @@ def verdict_of(fit: OrganFit, diagnostics: Sequence[Diagnostic]) -> Verdict:
 
 
 def _severity(diagnostic: Diagnostic) -> str:
-    """How much one diagnostic weighs."""
+    """Verdict by one diagnostic alone."""
     if diagnostic.code in _SHARES:
         share, (check, poor) = diagnostic.values["share"], _SHARES[diagnostic.code]
         return POOR if share >= poor else CHECK if share >= check else GOOD
