@@ -48,7 +48,7 @@ ORGANS = [
 ]
 # Further stacks: name, whether it is ticked, and what became of it.
 STACKS = [("Phantom, axial", True, "2.7 mm, 2.6°")]
-BOUNDARY_HEADINGS = ["Point (mm R, A, S)", "Off (mm)"]
+BOUNDARY_HEADINGS = ["Point (R, A, S; mm)", "Off (mm)"]
 BOUNDARY_POINTS = [("2.4, 61.0, 18.3", "+4.90"), ("-21.7, 38.2, 14.0", "-0.12")]
 MODEL_ORGANS = [("bladder", "bladder"), ("vagina", "vagina"), ("rectum", "predict")]
 CHOICES = {

@@ -54,7 +54,7 @@ def test_the_organs_colour_comes_back_and_goes(logic, organ):
     logic.color(organ, DEVIATION)
     assert display.GetScalarVisibility()
     assert legend_of(organ).GetVisibility()
-    with pytest.raises(ValueError, match=r"no numbers named Standard deviation \(mm\)"):
+    with pytest.raises(ValueError, match=r"no point scalars named Standard deviation \(mm\)"):
         logic.color(organ, STANDARD_DEVIATION)
     assert display.GetActiveScalarName() == DEVIATION
 

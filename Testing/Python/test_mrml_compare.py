@@ -248,7 +248,7 @@ BAD = {
     ),
     "points": (lambda organ: add_model(vtk.vtkPolyData()), "reference has no triangles"),
     "open": (lambda organ: add_model(open_triangles()), "reference: The mesh is open"),
-    "far": (lambda organ: surface_model(larger(0.0, shift=(100.0, 0.0, 0.0))), r"do not overlap, they are 7\d\.\d mm"),
+    "far": (lambda organ: surface_model(larger(0.0, shift=(100.0, 0.0, 0.0))), r"do not overlap: they are 7\d\.\d mm"),
 }
 
 
@@ -275,7 +275,7 @@ def test_an_empty_segment_is_told(logic, organ, cleared):
 
 def test_a_segment_far_away_is_told(logic, organ):
     node = add_segmentation(label_image(larger(0.0, shift=(0.0, 0.0, 90.0))))
-    with pytest.raises(ValueError, match="bladder and expert: segment s do not overlap, they are 4.* transforms"):
+    with pytest.raises(ValueError, match="bladder and expert: segment s do not overlap: they are 4.* transforms"):
         logic.compare(organ, node)
 
 

@@ -46,7 +46,7 @@ def test_the_message_has_figures_and_what_to_know(fit_model, demo_volume, model_
     lines = model_nodes.messageOf(demo_volume).split("\n")
     assert lines[0].startswith("Model fitted to bladder, vagina in ")
     assert f"{found.smallest_determinant[0]:.2f}, near {found.smallest_determinant[1]}" in lines[1]
-    assert sum("organ rectum was not given; it is predicted" in line for line in lines) == 1
+    assert sum("organ rectum was not given. The generic model predicts it" in line for line in lines) == 1
     assert sum(line.startswith("Estimated by the generic model, not seen in the image") for line in lines) == 1
 
 
@@ -58,7 +58,7 @@ def test_points_on_the_wall_are_said_not_to_be_used(fit_model, logic, demo_volum
     boundaryPointsOf(organ_of(logic, "vagina"), demo_volume).AddControlPointWorld(0.0, 0.0, 0.0)
     fit_model()
     lines = model_nodes.messageOf(demo_volume).split("\n")
-    assert "vagina: its points on the wall are not used by the fit of a model." in lines
+    assert "vagina: the fit of a model does not use its boundary points." in lines
 
 
 def test_organs_are_fitted_to_further_stacks(fit_model, logic, demo_volume, model_nodes, pelvis):

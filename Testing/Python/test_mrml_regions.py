@@ -161,7 +161,7 @@ def test_warnings_tell_of_the_border_and_of_seeds_outside_of_a_segment(logic, se
     organ.inputSegmentation, organ.inputSegmentId = organ.regions, organ.regionSegmentId
     organ.source = type(organ.source).SEGMENT
     _region, warnings = separated(organ, volume)
-    assert any("does not hold every seed" in warning for warning in warnings)
+    assert any("Not all seeds lie in the segment" in warning for warning in warnings)
 
 
 def test_points_that_are_being_placed_do_not_count(logic, separated):

@@ -169,15 +169,15 @@ def test_stacks_below_one_transform_need_it_not_to_be_linear(logic, stacks, kept
     assert record.shift == pytest.approx(SHIFT, abs=CLOSE)
 
 
-def test_a_stack_below_a_transform_that_bends_is_left_out(logic, stacks, kept):
+def test_a_stack_below_a_nonlinear_transform_is_left_out(logic, stacks, kept):
     alone = logic.surface(fit(logic, stacks)).control_net
     bent = mrml_scenes.add_nonlinear_transform(mrml_scenes.thin_plate_spline())
     stacks["AX"].SetAndObserveTransformNodeID(bent.GetID())
     organ = fit(logic, stacks, stacks["AX"])
     record = kept.stacksOf(organ)[stacks["AX"]]
     assert not record.used
-    assert "A transform that bends lies between AX and SAG" in record.reason
-    assert "The stack AX was left out. A transform that bends" in organ.message
+    assert "The transform between AX and SAG is nonlinear" in record.reason
+    assert "The stack AX was left out. The transform between" in organ.message
     np.testing.assert_array_equal(logic.surface(organ).control_net, alone)
     assert not kept.canBeAligned(record, stacks["SAG"], stacks["AX"])
 
@@ -206,7 +206,7 @@ def test_a_stack_of_something_else_is_left_out_and_why_is_kept(logic, stacks, ke
     assert list(organ.stackContours) == []
 
 
-@pytest.mark.parametrize("above", ["nothing", "linear", "one that bends"])
+@pytest.mark.parametrize("above", ["nothing", "linear", "nonlinear"])
 def test_the_motion_becomes_a_transform_of_the_volume(logic, stacks, kept, scene, above):
     axial, sagittal, seed = stacks["AX"], stacks["SAG"], CENTER
     parent = None
@@ -214,7 +214,7 @@ def test_the_motion_becomes_a_transform_of_the_volume(logic, stacks, kept, scene
         parent = mrml_scenes.add_linear_transform(motion(20, (1, 2, -1), (3, 2, -1)))
         axial.SetAndObserveTransformNodeID(parent.GetID())
         axial.ApplyTransformMatrix(slicer.util.vtkMatrixFromArray(np.linalg.inv(motion(20, (1, 2, -1), (3, 2, -1)))))
-    elif above == "one that bends":
+    elif above == "nonlinear":
         parent = mrml_scenes.add_nonlinear_transform(mrml_scenes.thin_plate_spline())
         for node in (axial, sagittal):
             node.SetAndObserveTransformNodeID(parent.GetID())

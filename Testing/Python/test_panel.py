@@ -151,7 +151,7 @@ def test_a_separation_that_breaks_is_told(case, monkeypatch, caplog):
     case.add("bladder")
     monkeypatch.setattr("VICRegistrationLib.gui.separate_section.separateOrgan", broken)
     case.placeSeeds("bladder", count=1)
-    assert "the log has it" in case.ui.regionStatusLabel.text
+    assert "The log has it" in case.ui.regionStatusLabel.text
     assert "MemoryError" in caplog.text
 
 
@@ -167,7 +167,7 @@ def test_a_fit_that_breaks_is_told(case, panelTests, monkeypatch, caplog, name):
     case.waitForFit()
     panelTests["panel_case"].waitFor(lambda: not case.panel.modelSection.running)
     label = case.ui.fitStatusLabel if name == "fitSteps" else case.ui.modelStatusLabel
-    assert "The fit failed for a reason that was not foreseen" in label.text
+    assert "The fit failed because of an unexpected error" in label.text
     assert "list index" not in label.text
     assert "list index out of range" in caplog.text
     assert case.ui.fitButton.enabled

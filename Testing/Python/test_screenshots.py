@@ -164,11 +164,11 @@ def test_the_patient_is_turned_as_in_slicer(name, mark, draw_slice):
 def test_a_surface_is_coloured_by_numbers_at_its_points_with_a_legend(model, draw_3d):
     import slicer
 
-    from VICRegistrationLib.mrml.colors import DEVIATION, addNumbers, colorBy
+    from VICRegistrationLib.mrml.colors import DEVIATION, addScalars, colorBy
 
     plain = draw_3d()
     heights = slicer.util.arrayFromModelPoints(model)[:, 2] - CENTER[2]
-    addNumbers(model.GetPolyData(), DEVIATION, heights)
+    addScalars(model.GetPolyData(), DEVIATION, heights)
     colorBy(model, DEVIATION)
     picture = draw_3d()
     red, blue = picture[..., 0], picture[..., 2]

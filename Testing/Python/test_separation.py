@@ -207,7 +207,7 @@ def test_a_region_beyond_what_the_seed_sees_carries_a_warning():
     (found,) = leaked.diagnostics
     assert found.code == "region_larger_than_seen"
     assert found.values["region_ml"] == leaked.volume_ml > 1.3 * found.values["seen_ml"]
-    assert "it may have leaked into other tissue (threshold 140 to 300, erosion 0 mm)" in found.sentence()
+    assert "the region may have leaked into other tissue (threshold 140 to 300, erosion 0 mm)" in found.sentence()
     assert separate(image, first, threshold=(140, 300), erosion=2.0).diagnostics == ()
 
 
@@ -268,7 +268,7 @@ def test_what_an_empty_slice_cuts_off_is_reported(image, from_label):
     (found,) = region.diagnostics
     assert (found.code, found.values["count"]) == ("segmentation_in_pieces", 2)
     assert found.values["left_out"] == pytest.approx(0.4)
-    assert "2 pieces; the largest was taken, and the others, 40% of the voxels, were left out" in found.sentence()
+    assert "2 pieces. The largest was taken; the others, 40% of the voxels, were left out" in found.sentence()
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_the_report_shows_what_became_of_each_stack(folder, output):
     assert used["cost"] < 0.1
     assert not noise["used"]
     assert (noise["translation_sd_mm"], noise["rotation_sd_degrees"]) == (None, None)
-    assert noise["reason"]["sentence"].startswith("The stack shows no such edge")
+    assert noise["reason"]["sentence"].startswith("Wherever the stack is moved, it shows no edge")
 
 
 def test_the_page_shows_the_contour_in_the_stack_that_was_used(folder, output):
@@ -68,7 +68,7 @@ def test_the_page_shows_the_contour_in_the_stack_that_was_used(folder, output):
     assert "Further stacks" in page
     assert page.count("in its own plane") == 1
     assert page.count(" ± ") >= 2
-    assert "The stack shows no such edge" in page
+    assert "Wherever the stack is moved, it shows no edge" in page
 
 
 def test_an_organ_is_added_beside_one_with_stacks_and_keeps_them(folder, output):

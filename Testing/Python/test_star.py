@@ -197,7 +197,7 @@ def test_a_dim_patch_under_the_click_is_not_the_organ(ball):
     (differ,) = region.diagnostics
     assert differ.code == "starts_differ"
     assert differ.values["taken_ml"] == differ.values["shaped_ml"] == pytest.approx(region.volume_ml)
-    assert f"that of {region.volume_ml:.1f} ml was taken" in differ.sentence()
+    assert f"The one of {region.volume_ml:.1f} ml was taken" in differ.sentence()
     assert dice(region, truth) > 0.97
 
 

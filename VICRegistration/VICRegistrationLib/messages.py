@@ -29,26 +29,26 @@ SENTENCES = {
         "it; there the surface is not that of the organ."
     ),
     "region_larger_than_seen": _(
-        "The separated region of {region_ml:.1f} ml is larger than the {seen_ml:.1f} ml seen from the seeds; it may "
-        "have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} mm). Look at the "
-        "contour; if it has, narrow the threshold or increase the erosion."
+        "The separated region has {region_ml:.1f} ml, but the wall that is seen from the seeds encloses {seen_ml:.1f} "
+        "ml: the region may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} "
+        "mm). Look at the contour; if it has leaked, narrow the threshold or increase the erosion."
     ),
     "start_contradicted": _(
-        "Boundary points lay up to {away_mm:.0f} mm from the surface that was fitted first. The organ was separated "
-        "again by its shape, through the points and without a threshold."
+        "Boundary points were up to {away_mm:.0f} mm from the surface that was fitted first, so the organ was "
+        "separated again: by its shape and the points, without a threshold."
     ),
     "starts_differ": _(
-        "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml; "
-        "that of {taken_ml:.1f} ml was taken, because the image supports it better. Look at the contour."
+        "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml. "
+        "The one of {taken_ml:.1f} ml was taken, because it agrees better with the image. Look at the contour."
     ),
     "segmentation_in_pieces": _(
-        "The segmentation has {count} pieces; the largest was taken, and the others, {left_out:.0%} of the voxels, "
-        "were left out. If they belong to the organ, fill the slices between the pieces; look at the contour."
+        "The segmentation has {count} pieces. The largest was taken; the others, {left_out:.0%} of the voxels, were "
+        "left out. If they belong to the organ, fill the slices between the pieces."
     ),
     "layer_included": _(
-        "The image shows a flat, horizontal edge of {area_cm2:.0f} cm2 in the organ, and is as even behind it as "
-        "before it: the level of a layer, as of sediment, blood or contrast agent. What lies behind it, {layer_ml:.1f} "
-        "ml at the {side} side, was taken as part of the organ. Look at the contour there."
+        "The image shows a flat, horizontal edge of {area_cm2:.0f} cm2 in the organ, with even grey levels on both "
+        "sides: probably the level of a layer, such as sediment, blood or contrast agent. The {layer_ml:.1f} ml "
+        "behind it, at the {side} side, were taken as part of the organ. Look at the contour there."
     ),
     "ends_at_level": _(
         "The boundary is flat and horizontal over {area_cm2:.0f} cm2 at the {side} side: this may be the level of a "
@@ -58,12 +58,12 @@ SENTENCES = {
     "open_along": _("The surface is open along R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "rim": _("The surface has a rim at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "folded_pole": _(
-        "The pole at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}) is folded: the surface does not go "
-        "round it just once."
+        "The pole at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}) is folded: the surface does not wind "
+        "around it exactly once."
     ),
     "no_normal": _(
-        "The surface has no normal at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}): it is pinched there "
-        "into a line or a point."
+        "The surface has no normal at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g}): it is pinched into a "
+        "line or a point there."
     ),
     "folded_over": _("The surface is folded over at R {r:.1f}, A {a:.1f}, S {s:.1f} mm (u {u:.3g}, v {v:.3g})."),
     "inside_out": _(
@@ -77,20 +77,22 @@ SENTENCES = {
     # Why a surface was not taken as it was fitted first.
     "no_valid_solid": _("The surface was no valid solid ({kind})."),
     "left_surroundings": _("The surface left the surroundings of the region."),
-    "far_from_region": _("The surface went {away_mm:.1f} mm away from the region, more than half the organ's radius."),
-    "held_closer": _("So it was fitted again, with the net {net}, and held {factor:g} times closer to the region."),
-    "surface_kept": _("It did so however closely it was held to the region; the {kept} was kept, with the net {net}."),
+    "far_from_region": _("The surface moved {away_mm:.1f} mm away from the region, more than half the organ's radius."),
+    "held_closer": _("It was fitted again with the net {net}, and held {factor:g} times closer to the region."),
+    "surface_kept": _(
+        "This happened however closely it was held to the region, so the {kept} was kept, with the net {net}."
+    ),
     # Why an option is what it is.
     "option_given": _("It was given."),
     "edge_width": _("The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels."),
     "edge_width_limited": _(
-        "The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels; at least {least:g} and at most {most:g} "
-        "are taken."
+        "The edge in the image is {width_mm:.2f} mm wide, {pixels:.1f} pixels; the value is kept between {least:g} "
+        "and {most:g} pixels."
     ),
     "no_edge_width": _("The image shows no clear edge, so {pixels:g} pixels are taken."),
-    "smoothness_to_start": _("It is small at the start."),
+    "smoothness_to_start": _("It is the small value that every fit starts with."),
     "noise_along_edge": _(
-        "The image differs from an ideal edge by {share:.0%} of the contrast, by noise and uneven tissue together, in "
+        "Because of noise and uneven tissue, the image differs from an ideal edge by {share:.0%} of the contrast, in "
         "{voxels:,} voxels along it."
     ),
     "finer_net_lowered_cost": _(
@@ -101,8 +103,8 @@ SENTENCES = {
         "The net {net} was expected to lower the cost by {expected:.1%}, of which noise explains {explained:.1%}; it "
         "was not tried."
     ),
-    "net_of_model": _("It is that of the generic model."),
-    "made_finer": _("It was made finer, from {net}, for the boundary points."),
+    "net_of_model": _("It is the net of the generic model."),
+    "made_finer": _("It was refined from {net} for the boundary points."),
     # A fit.
     "invalid_surface": _("{problem} Look at the contour, and try a smaller net or another seed, threshold or erosion."),
     "no_further_step": _(
@@ -114,71 +116,71 @@ SENTENCES = {
         "{displacement_mm:.2g} mm; look at the contour."
     ),
     "no_clear_edge": _(
-        "The surface follows no clear edge: the grey levels beside it differ from an edge by more than half of the "
-        "contrast (cost {cost:.2g}); look at the contour, and give another seed or threshold."
+        "The surface follows no clear edge: the grey levels beside it differ from those of an edge by more than half "
+        "of the contrast (cost {cost:.2g}). Look at the contour, and give another seed or threshold."
     ),
     "no_edge_in_places": _(
-        "The surface follows no edge on {share:.0%} of its area; what holds it there is the shape that the fit began "
-        "with. Look at the contour there, and place points on the wall where you know it."
+        "The surface follows no edge on {share:.0%} of its area, and keeps there the shape that the fit began with. "
+        "Look at the contour there, and place points on the wall where you know it."
     ),
     "no_edge_at_side": _(
-        "The surface follows no edge on {share:.0%} of its area, mostly at its {side} side; what holds it there is the "
-        "shape that the fit began with. Look at the contour there, and place points on the wall where you know it."
+        "The surface follows no edge on {share:.0%} of its area, mostly at its {side} side, and keeps there the shape "
+        "that the fit began with. Look at the contour there, and place points on the wall where you know it."
     ),
     "points_without_edge": _(
-        "The image shows no edge at {count} of {points} boundary points; the surface passes there for the points "
-        "alone. Look at the contour there, and remove a point that is not on the wall of this organ."
+        "The image shows no edge at {count} of {points} boundary points: only the points hold the surface there. Look "
+        "at the contour there, and remove points that are not on the wall of this organ."
     ),
     "points_left": _(
         "The surface stays up to {left_mm:.1f} mm from {count} of {points} boundary points: no smooth surface passes "
-        "them all. Look at the contour there, and remove points that contradict each other."
+        "through all of them. Look at the contour there, and remove points that contradict each other."
     ),
     "volume_differs": _(
-        "The surface holds {surface_ml:.1f} ml, but the separated region {region_ml:.1f} ml; look at the contour, and "
-        "give another threshold or erosion if the region is wrong, or place points on the wall if the surface is."
+        "The surface encloses {surface_ml:.1f} ml, but the separated region has {region_ml:.1f} ml. Look at the "
+        "contour. If the region is wrong, give another threshold or erosion; if the surface is wrong, place points on "
+        "the wall."
     ),
     "part_left_out": _(
-        "The separated region reaches {reach_mm:.0f} mm beyond the surface at its {side} side: a thin part of the "
-        "organ that the surface does not follow, or a leak. Look at the contour there, and place points on the wall "
-        "if the region is right, or give another threshold or erosion if it is not."
+        "The separated region reaches {reach_mm:.0f} mm beyond the surface at its {side} side: this is a thin part of "
+        "the organ that the surface does not follow, or a leak. Look at the contour there. If the region is right, "
+        "place points on the wall; if not, give another threshold or erosion."
     ),
     # A generic model of several organs.
     "organ_predicted": _(
-        "The organ {organ} was not given; it is predicted from the others by the generic model, and was not seen in "
-        "the image."
+        "The organ {organ} was not given. The generic model predicts it from the others; it was not seen in the image."
     ),
     "parts_estimated": _("Estimated by the generic model, not seen in the image: {parts}."),
     "header_trusted": _(
-        "Nothing in the organs shows which side is left; the orientation in the header of the image is trusted."
+        "The organs do not show which side is left; the orientation in the header of the image is trusted."
     ),
     "map_compresses": _(
-        "The map that carries the model makes space {determinant:.2f} times as large near the {part}; what it carries "
-        "there is hardly like the model any more. Check the regions of the organs."
+        "Near the {part}, the map that carries the model changes volumes by the factor {determinant:.2f}; what it "
+        "carries there is hardly like the model any more. Check the regions of the organs."
     ),
     # Why a further stack was not used.
     "stack_shows_little": _(
-        "The stack shows {share:.0%} of the organ's surface, too little for its place in it to be found."
+        "The stack shows {share:.0%} of the organ's surface, too little to find the organ's place in it."
     ),
     "stack_shows_no_edge": _(
-        "The stack shows no such edge along the surface, wherever it is moved (cost {cost:.2g}): another filling, "
-        "another organ, or no contrast."
+        "Wherever the stack is moved, it shows no edge along the surface (cost {cost:.2g}): the organ is filled "
+        "differently, it is another organ, or there is no contrast."
     ),
     "stack_shows_another_shape": _(
-        "The edges in this stack are {apart_mm:.1f} mm beside those of the first one, wherever it is moved: another "
-        "filling of the organ, which no motion explains."
+        "Wherever the stack is moved, its edges are {apart_mm:.1f} mm from those of the first stack: the organ is "
+        "filled differently, which no motion explains."
     ),
     "stack_moved_far": _(
         "The organ was found {shift_mm:.0f} mm and {turn_degrees:.0f} degrees away in this stack, farther than a "
-        "patient moves between two stacks (15 mm, 15 degrees); check that both are of one examination."
+        "patient moves between two stacks (15 mm, 15 degrees). Check that both stacks are of one examination."
     ),
     # A further stack that was not used.
     "stack_left_out": _("The stack {stack} was left out. {reason}"),
     # A comparison with a reference.
     "reference_in_pieces": _(
-        "The reference {reference} has {count} pieces, and all of them count; --largest keeps only the largest one."
+        "The reference {reference} has {count} pieces, and all of them count. --largest keeps only the largest one."
     ),
     "reference_hollow": _(
-        "The reference {reference} has {count} hollows inside, and their surfaces count as well; --largest fills them."
+        "The reference {reference} has {count} cavities inside, and their surfaces count as well. --largest fills them."
     ),
     "reference_open_wall": _(
         "The reference {reference} is a wall without its lumen: {share:.0%} of what it encloses in its slices is not "
@@ -189,12 +191,14 @@ SENTENCES = {
         "{dice:.2f}); one of the two is probably mirrored, or in another frame (LPS or RAS)."
     ),
     "little_in_common": _(
-        "The surface has little or no volume in common with {reference} (volume Dice {dice:.2f}); check that both are "
-        "of one organ in one image, and frame (LPS or RAS) and unit (mm) of a mesh."
+        "The surface has little or no volume in common with {reference} (volume Dice {dice:.2f}). Check that both are "
+        "of one organ in one image; for a mesh, check its frame (LPS or RAS) and its unit (mm)."
     ),
     # A mesh of tetrahedra.
-    "overlap_resolved": _("{first} and {second} overlap by {volume_mm3:.3g} mm³; this belongs to {second}."),
-    "edges_straightened": _("{count} edges were curved less than the surface, for the shape of their elements."),
+    "overlap_resolved": _("{first} and {second} overlap by {volume_mm3:.3g} mm³; the overlap was given to {second}."),
+    "edges_straightened": _(
+        "{count} edges of second order are straighter than the surface, so that their elements keep a good shape."
+    ),
     "poor_element": _(
         "The worst element, at R {r:.1f}, A {a:.1f}, S {s:.1f} mm, has a scaled Jacobian of {jacobian:.3f}; {good:g} "
         "or more is good. Look for a crease of the surface there, or choose another element size."

@@ -1,4 +1,4 @@
-"""The collapsed section of the settings that have defaults: net, profile, solver, stop rules."""
+"""The collapsed section of advanced settings: net, profile, solver, stop rules."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class AdvancedSection:
         self.refresh()
 
     def refresh(self):
-        """Enable what has an effect."""
+        """Enable and show the widgets that have an effect."""
         ui, organ = self._ui, self._organ
         ui.advancedSection.enabled = organ is not None
         if organ is None:

@@ -1,4 +1,4 @@
-"""What is chosen for an organ, kept equal in its parameters and in the widgets, and released without a trace."""
+"""Binding of parameters to widgets that can be released completely, in Slicer 5.8 too."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import slicer
 
 from .widgets import signalsBlocked
 
-# Priority of observers that read parameters: of those with the same priority VTK calls the first one last, and that
-# would be one by which a wrapper takes over what another wrapper has written.
+# Priority of observers that read parameters. Each wrapper observes the node to take over what other wrappers have
+# written; observers of lower priority are called after these.
 AFTER_WRAPPERS = -1.0
 
 
 class Binding:
-    """Keeps parameters and widgets equal, both ways, from :meth:`bind` until it is released.
+    """Keeps parameters and widgets equal, both ways, from :meth:`bind` to :meth:`release`.
 
     Notes
     -----
-    `connectParametersToGui` also observes the node, and in Slicer 5.8 `disconnectGui` forgets to end that; so the
-    observers are noted here while they are added.
+    `connectParametersToGui` also observes the node, and in Slicer 5.8 `disconnectGui` does not remove those observers;
+    so they are recorded here while they are added.
     """
 
     def __init__(self):
@@ -41,7 +41,7 @@ class Binding:
             del wrapper.AddObserver
 
     def release(self):
-        """Let widgets and parameters go their own ways."""
+        """Disconnect widgets and parameters."""
         if self._wrapper is None:
             return
         self._wrapper.disconnectGui(self._tag)
@@ -71,19 +71,19 @@ class SegmentChoice:
         selector.connect("currentSegmentChanged(QString)", self._chosen)
 
     def show(self, organ):
-        """Show what is chosen for an organ, and write choices to it from now on.
+        """Show the segment that is chosen for an organ, and store later choices in it.
 
         Parameters
         ----------
         organ : OrganParameters or None
-            None: choices are written nowhere.
+            None: choices are not stored.
         """
         self._organ = organ
         if organ is None:
             return
         selector, (node, segmentId) = self._selector, self._kept()
         if node is not None and segmentId and node.GetSegmentation().GetSegment(segmentId) is None:
-            # Removed while nobody looked; the selector would take another one, which nobody has chosen.
+            # The segment was removed while the organ was not shown; the selector would choose another one.
             segmentId = ""
             setattr(organ, self._names[1], segmentId)
         with signalsBlocked(selector):
@@ -101,7 +101,7 @@ class SegmentChoice:
         node, segmentId = self._selector.currentNode(), self._selector.currentSegmentID() or ""
         keptNode, keptId = self._kept()
         if node is not None and node is keptNode and keptId:
-            # Where the chosen segment was removed the selector takes another one, which nobody has chosen.
+            # If the chosen segment was removed, the selector chooses another one, which the user did not.
             segmentId = segmentId if node.GetSegmentation().GetSegment(keptId) is not None else ""
         with slicer.util.NodeModify(self._organ.parameterNode):
             for name, value in zip(self._names, (node, segmentId)):

@@ -1,4 +1,4 @@
-"""The command line of the library in a process of its own, watched from Qt's event loop."""
+"""The command line of the library in a process of its own, observed from Qt's event loop."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ sys.exit(main(program=""))
 
 
 class Command:
-    """A command of ``vic-registration`` that runs while the panel stays alive.
+    """A command of ``vic-registration`` that runs while the panel stays responsive.
 
     Parameters
     ----------
     arguments : list of str
-        Words of the command.
+        Arguments of ``vic-registration``.
     onLine : callable
-        Called with every line of progress; where it fails, the last one is the sentence that says why.
+        Called with every line of progress; if the command fails, the last line says why.
     onEnd : callable
-        Called once with its exit code, which is 0, or another one if it failed, crashed or was cancelled; and with what
-        it printed as its result.
+        Called once, with the exit code (0, or another one if the command failed, crashed or was cancelled) and with
+        the text that it printed as its result.
     patience : int
         How long the process may take to remove its drafts after it was cancelled, before it is killed, ms.
     """
@@ -37,17 +37,17 @@ class Command:
     def __init__(self, arguments, onLine, onEnd, *, patience=3000):
         self._onLine, self._onEnd, self._rest, self._patience = onLine, onEnd, "", patience
         self._process = qt.QProcess()
-        # Progress comes by the one channel, the result by the other.
+        # Progress comes on standard error, the result on standard output.
         self._process.setProcessChannelMode(qt.QProcess.SeparateChannels)
         self._process.connect("readyReadStandardError()", self._read)
         self._process.connect("finished(int,QProcess::ExitStatus)", self._finished)
         self._process.connect("errorOccurred(QProcess::ProcessError)", self._failed)
-        # Slicer sets it to PythonSlicer. Windows has other encodings for pipes.
+        # In Slicer, sys.executable is PythonSlicer. Without utf8 mode, pipes on Windows have another encoding.
         self._process.start(sys.executable, ["-X", "utf8", "-c", _PROGRAM, str(_LIBRARY), *arguments])
 
     def cancel(self):
-        """Ask the process to end, and end it if it does not."""
-        # Slicer's Python runs behind a launcher, which hands on what is written, but no signal.
+        """Ask the process to end, and kill it if it does not."""
+        # By closing its input: Slicer's launcher of Python passes on input, but no signals.
         self._process.closeWriteChannel()
         qt.QTimer.singleShot(self._patience, self._kill)
 
@@ -70,7 +70,7 @@ class Command:
     def _failed(self, error):
         # A process that has crashed finishes as well.
         if error == qt.QProcess.FailedToStart:
-            # It may be called while the process is being started.
+            # Later, because this may be called from the constructor.
             qt.QTimer.singleShot(0, lambda: self._onEnd(-1, ""))
 
 

@@ -1,11 +1,11 @@
-"""The section in which a surface is compared with a reference and coloured, and the numbers are copied."""
+"""The section in which a surface is compared with a reference and coloured, and the table is copied."""
 
 from __future__ import annotations
 
 import slicer
 from slicer.i18n import tr as _
 
-from ..mrml.colors import DEVIATION, STANDARD_DEVIATION, colorBy, coloredBy, hasNumbers
+from ..mrml.colors import DEVIATION, STANDARD_DEVIATION, colorBy, coloredBy, hasScalars
 from ..mrml.comparing import compareOrgan, comparisonText, patientOf, setPatient
 from ..mrml.comparison_table import tableAsCsv
 from ..mrml.organ_nodes import volumeOf
@@ -28,7 +28,7 @@ def _colorings():
 
 
 class CompareSection:
-    """Compares the current organ with what is chosen.
+    """Compares the current organ with the chosen reference.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class CompareSection:
         self.refresh(busy=False)
 
     def refresh(self, *, busy):
-        """Show what is compared, how the surface is coloured and what was found.
+        """Show the reference, the colouring and the result of the last comparison.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class CompareSection:
         self._showPatient()
         self._showColoring()
         if organ is not None and not fitted:
-            self._show(_("The organ has no surface yet; fit it, then compare."))
+            self._show(_("The organ has no surface yet. Fit it, then compare."))
         else:
             self._show(comparisonText(organ) if fitted else "")
 
@@ -99,7 +99,7 @@ class CompareSection:
         name = patientOf(volumeNode)
         name = name if name != edit.placeholderText else ""
         if edit.text.strip() == name:
-            # As it is being typed.
+            # The user is typing; a space at the end stays.
             return
         with signalsBlocked(edit):
             edit.text = name
@@ -118,9 +118,9 @@ class CompareSection:
         if self._organ is None or self._organ.surface is None:
             return
         name, text, remedy = _colorings()[index]
-        if name and not hasNumbers(self._organ.surface, name):
+        if name and not hasScalars(self._organ.surface, name):
             self._showColoring()
-            self._show(_("{choice}: the surface does not have it. {remedy}").format(choice=text, remedy=remedy))
+            self._show(_("{choice}: not available for this surface. {remedy}").format(choice=text, remedy=remedy))
             return
         colorBy(self._organ.surface, name or None)
 
@@ -141,4 +141,4 @@ class CompareSection:
             self._show(str(error))
             return
         slicer.app.clipboard().setText(text)
-        self._show(_("Copied: {count} row(s), below the names of the columns.").format(count=count))
+        self._show(_("Copied {count} row(s) and the header of the table.").format(count=count))

@@ -1,4 +1,4 @@
-"""The section in which a doctor says where the wall really is: boundary points, and a new fit through them."""
+"""The section in which a user corrects a surface: boundary points on the true wall, and a fit through them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CorrectSection(VTKObservationMixin):
         VTKObservationMixin.__init__(self)
         self._ui, self._onPoints = ui, onPoints
         self._organ, self._volume, self._binding = None, None, Binding()
-        setUpTable(ui.boundaryTable, [_("Point (mm R, A, S)"), _("Off (mm)")], wide=0)
+        setUpTable(ui.boundaryTable, [_("Point (R, A, S; mm)"), _("Off (mm)")], wide=0)
         showPlaceButtons(ui.boundaryPlaceWidget)
         ui.boundaryPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
         ui.undoPointButton.connect("clicked()", self._removeLast)

@@ -1,4 +1,4 @@
-"""The section in which organs leave Slicer: exact solids, triangles, meshes for finite elements."""
+"""The section that exports organs: exact solids, triangles, meshes for finite elements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
 from .widgets import showRow
 
-# Row of all organs in the list of what is exported; the other one is the selected organ.
+# Index of "All fitted organs together" in the combo box; the other entry is the selected organ.
 _ALL = 1
 
 
@@ -57,7 +57,7 @@ class ExportSection:
         return self._mesher.running
 
     def show(self, organs, current):
-        """Offer what can be written.
+        """Enable the export of what can be written.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class ExportSection:
         self._formatChosen()
 
     def stop(self):
-        """End the mesher, if it runs; no file is left of it."""
+        """Stop the mesher if it runs; it leaves no file."""
         self._mesher.stop()
 
     def _chosen(self):

@@ -1,4 +1,4 @@
-"""The section in which organs are fitted: start, progress, cancel, and the course of the cost."""
+"""The section in which organs are fitted: start, progress, cancel, and the plot of the cost."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .runner import StepRunner
 # Attribute of a volume whose first surface the 3D views have been focused on.
 _FOCUSED = "VIC.focused"
 _PLOT_NAME, _PLOT_HEIGHT = "VICRegistration", 220
-# Share of the progress bar that is left after each stage: about a third after the four stages of a given net, a
-# twentieth after the ten of one that goes on to the finest net. Neither number is known before.
+# Share of the remaining progress bar that is left after each stage. The number of stages is not known in advance: a
+# third of the bar is left after the four stages of a given net, a twentieth after the ten up to the finest net.
 _LEFT_AFTER_STAGE = 0.75
 
 
 class FitSection:
-    """Fits one organ after the other while the panel stays alive.
+    """Fits one organ after the other while the panel stays responsive.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class FitSection:
         return self._runner is not None
 
     def setOrgan(self, organ, volumeNode):
-        """Show what came of an organ's last fit, or what to do first.
+        """Show the result of an organ's last fit, or what to do first.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class FitSection:
         self._plot(organ)
 
     def refresh(self, *, ready):
-        """Enable what can be pressed.
+        """Enable the buttons that can be used.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class FitSection:
         organs : list of OrganParameters
         volumeNode : vtkMRMLScalarVolumeNode
         further : list of vtkMRMLScalarVolumeNode
-            More stacks of the patient.
+            Further stacks of the patient.
         """
         self._start(volumeNode, [(organ, fitSteps(organ, volumeNode, further)) for organ in organs])
 
@@ -99,13 +99,13 @@ class FitSection:
         self._start(volumeNode, [(organ, refitSteps(organ, volumeNode))])
 
     def cancel(self):
-        """End before the next step; the surface becomes what it was, and organs in the queue are not fitted."""
+        """End before the next step; the earlier surface comes back, and organs in the queue are not fitted."""
         self._queue = []
         if self._runner is not None:
             self._runner.cancel()
 
     def stop(self):
-        """End now, because the scene or the panel goes."""
+        """End now, because the scene or the panel is closed."""
         self._queue = []
         if self._runner is not None:
             self._runner.stop()
@@ -116,7 +116,7 @@ class FitSection:
         self._next()
 
     def _next(self):
-        # One that was removed while it waited needs no fit.
+        # Organs that were removed while they waited are skipped.
         self._queue = [entry for entry in self._queue if entry[0].parameterNode.GetScene() is not None]
         if not self._queue:
             self._onChanged()
@@ -125,7 +125,7 @@ class FitSection:
         self._stages = set()
         self._ui.progressBar.value = 0
         self._message.show(_("{organ}: separating").format(organ=self._organ.label))
-        # The fill would lie over the surface.
+        # The filled region would cover the contour of the surface.
         setRegionVisible(self._organ, False)
         self._runner = StepRunner(steps, self._stepped, self._ended)
         self._onChanged()
@@ -145,7 +145,7 @@ class FitSection:
         organ, self._organ, self._runner = self._organ, None, None
         self._ui.progressBar.value = 0 if problem else 100
         if not problem:
-            # A fit that is done at once has had no step to look at.
+            # A fit that ends within one slice of time has shown no step.
             focusOnce(self._volume)
         there = organ.parameterNode.GetScene() is not None
         self._message.show(f"{organ.label}: {problem or organ.message}" if there else problem)
@@ -153,7 +153,7 @@ class FitSection:
         self._next()
 
     def _percent(self, step):
-        """Guess how far a fit has come."""
+        """Estimate the progress of a fit."""
         self._stages.add(step.stage)
         done = len(self._stages) - 1 + step.iteration / (step.iteration + 5.0)
         return int(100 * (1.0 - _LEFT_AFTER_STAGE**done))
@@ -166,7 +166,7 @@ class FitSection:
             self._plot(self._shown)
 
     def _plot(self, organ):
-        """Remember whose course is to be seen, and show it where the plot is shown."""
+        """Choose the organ whose plot is shown, and show it if the plot view is there."""
         self._shown = organ
         if self._plotView is not None:
             chart = organ.plot if organ is not None else None
@@ -174,14 +174,14 @@ class FitSection:
 
 
 def _firstStep(organ, volumeNode):
-    """Say why nothing can be pressed, and what to do; empty if something can."""
+    """Say what to do before organs can be fitted; empty if they can."""
     if volumeNode is None:
         return _("Load an MRI, or choose it in MRI volume above.")
     return "" if organ is not None else _("Press Add organ above, then click inside the organ in a slice view.")
 
 
 def _plotViewNode():
-    """Node of the module's own plot view, which leaves the layout alone."""
+    """Node of the module's own plot view, which is not part of Slicer's layout."""
     node = slicer.mrmlScene.GetSingletonNode(_PLOT_NAME, "vtkMRMLPlotViewNode")
     if node is None:
         node = slicer.mrmlScene.CreateNodeByClass("vtkMRMLPlotViewNode")
@@ -194,7 +194,7 @@ def _plotViewNode():
 
 
 def focusOnce(volumeNode):
-    """Focus the 3D views on the first surface of a volume: they may show another place of the world.
+    """Centre the 3D views when a volume gets its first surface, and not again.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A mesh of tetrahedra, made in a process of its own while the panel stays alive."""
+"""Meshing in a process of its own while the panel stays responsive."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _VTU = ".vtu"
 
 
 def meshFormats():
-    """List the endings of the files of meshes, and what they are called in the panel.
+    """List the suffixes of mesh files, and their names in the panel.
 
     Returns
     -------
@@ -41,7 +41,7 @@ class Mesher:
     Parameters
     ----------
     show : callable
-        Called with a text: progress, the result, or what is wrong.
+        Called with a text: progress, the result, or an error.
     onChanged : callable
         Called without arguments when the process has begun or ended.
     """
@@ -62,34 +62,34 @@ class Mesher:
         Parameters
         ----------
         arguments : callable
-            Takes a folder for what the mesher reads; returns the words of the command, and the path of the mesh.
+            Takes a folder for the input of the mesher; returns the arguments of the command and the path of the mesh.
 
         Raises
         ------
         ValueError, OSError
-            As `arguments` does; nothing is left then.
+            Those that `arguments` raises; no file is left then.
         """
         if not _gmshIsThere() and not _installGmsh():
             self._show(
                 _(
-                    "A mesh needs the package gmsh; press Export again to install it, or see in the log why that has "
-                    "failed (Help > Report a Bug)."
+                    "A mesh needs the package gmsh, which is not installed. Press Export again to install it; if that "
+                    "has failed, the log says why (Help > Report a Bug)."
                 )
             )
             return
         self._work, self._lines, self._cancelled = tempfile.mkdtemp(prefix="vic-export-"), [], False
         try:
-            words, path = arguments(self._work)
+            command, path = arguments(self._work)
         except (ValueError, OSError):
             self._tidyUp()
             raise
         self._path = Path(path)
         self._show(_("Meshing ..."))
-        self._command = Command(words, self._lineRead, self._meshed)
+        self._command = Command(command, self._lineRead, self._meshed)
         self._onChanged()
 
     def stop(self):
-        """End the mesher, if it runs; no file is left of it."""
+        """Stop the mesher if it runs; it leaves no file."""
         if self._command is not None:
             self._cancelled = True
             self._command.cancel()
@@ -104,7 +104,7 @@ class Mesher:
         if code != 0 and self._cancelled:
             self._show(_("Cancelled; no mesh was written."))
         elif code != 0:
-            self._show(self._lines[-1] if self._lines else _("No mesh was made; try another size of the elements."))
+            self._show(self._lines[-1] if self._lines else _("No mesh was made. Try another size of the elements."))
         else:
             self._show("\n".join([_("Written: {files}").format(files=self._path), report]))
             if self._path.suffix == _VTU:
@@ -126,7 +126,7 @@ def _gmshIsThere():
 
 
 def _installGmsh():
-    """Install gmsh if the user agrees, in tests never; whether it is there then. Why pip has failed is in the log."""
+    """Install gmsh if the user agrees, never in tests. Returns whether it is installed; the log has errors of pip."""
     question = _("A mesh of tetrahedra needs the package gmsh, which is not part of Slicer. Install it now?")
     if slicer.app.testingEnabled() or not slicer.util.confirmOkCancelDisplay(question):
         return False

@@ -1,4 +1,4 @@
-"""A message in the panel: one line for each of its lines, the whole of it on demand."""
+"""A message in the panel: its long lines are shortened, and shown completely on demand."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import html
 
 from slicer.i18n import tr as _
 
-# What a panel of 400 pixels has room for in one line.
+# Characters that fit into one line of a panel that is 400 pixels wide.
 _LONGEST_LINE = 58
 
 
 class MessageLabel:
-    """Shows a message in a label; lines that are too long are shortened until all is asked for.
+    """Shows a message in a label; long lines are shortened until the user clicks on "Show all".
 
     Parameters
     ----------
     label : QLabel
-        With links that can be clicked. Its own tooltip is shown where no line is shortened.
+        Its links must be clickable. Its own tooltip is shown if no line is shortened.
     """
 
     def __init__(self, label):
@@ -30,7 +30,7 @@ class MessageLabel:
         Parameters
         ----------
         text : str
-            The first line is shown as it is, those after it shortened to one line each.
+            The first line is shown completely, each of the others shortened to one line.
         """
         if text != self._text:
             self._text, self._isWhole = text, False

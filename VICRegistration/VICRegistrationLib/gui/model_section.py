@@ -1,4 +1,4 @@
-"""The section of the generic model: which one, its organs, landmarks on bone, its fit, its colours and its files."""
+"""The section of the generic model: its choice, organs, landmarks on bone, fit, colours and files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _modelTexts():
 
 
 class ModelSection(VTKObservationMixin):
-    """Fits a generic model to the organs of the table while the panel stays alive.
+    """Fits a generic model to the organs of the table while the panel stays responsive.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ class ModelSection(VTKObservationMixin):
         return self._runner is not None
 
     def setModule(self, parameterNode):
-        """Show and follow what is chosen in the module.
+        """Show and follow the choices stored in the module's parameter node.
 
         Parameters
         ----------
         parameterNode : vtkMRMLScriptedModuleNode or None
-            None: follow nothing any more.
+            None: nothing is followed.
         """
         self.stopPlacing()
         self.removeObservers()
@@ -111,19 +111,19 @@ class ModelSection(VTKObservationMixin):
         stopPlacing(self._ui.landmarkPlaceWidget)
 
     def cancel(self):
-        """End before the next step, an earlier result stays; and end the mesher, which leaves no file."""
+        """End before the next step, and keep an earlier result; stop the mesher, which leaves no file."""
         if self._runner is not None:
             self._runner.cancel()
         self._mesher.stop()
 
     def stop(self):
-        """End now, because the scene or the panel goes."""
+        """End now, because the scene or the panel is closed."""
         if self._runner is not None:
             self._runner.stop()
         self._mesher.stop()
 
     def refresh(self, organs, volumeNode, *, busy):
-        """Show what is chosen and what was fitted.
+        """Show the choices and the fitted model.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class ModelSection(VTKObservationMixin):
             ui.modelMeshCombo.addItem(text, suffix)
         setUpTable(ui.modelOrgansTable, [_("Organ of the model"), _("In the image")], wide=_IN_TABLE)
         showPlaceButtons(ui.landmarkPlaceWidget)
-        # Without this entry of its menu the button that takes the last place away is not there for such a list.
+        # Slicer hides the delete button of a list with a fixed number of points unless this menu entry is visible.
         ui.landmarkPlaceWidget.unsetAllControlPointsOptionVisible = True
         ui.landmarkPlaceWidget.placeMultipleMarkups = slicer.qSlicerMarkupsPlaceWidget.ForcePlaceMultipleMarkups
 
@@ -189,7 +189,7 @@ class ModelSection(VTKObservationMixin):
             self._parameters.modelName = path
 
     def _model(self):
-        """Model that is chosen, or None; then it is said what is wrong."""
+        """Chosen model, or None; an error is shown then."""
         try:
             return modelNamed(self._parameters.modelName)
         except ValueError as error:
@@ -201,7 +201,7 @@ class ModelSection(VTKObservationMixin):
             self._showOrgans()
 
     def _showOrgans(self):
-        """List the model's organs with those of the table; a model is drawn only where it is looked at."""
+        """List the model's organs with those of the table; a model is built only while the section is open."""
         table = self._ui.modelOrgansTable
         if self._ui.modelSection.collapsed or self._volume is None:
             return
@@ -254,7 +254,7 @@ class ModelSection(VTKObservationMixin):
     def _followLandmarks(self):
         node = self._parameters.modelLandmarks if self._parameters is not None else None
         if node is not self._landmarks:
-            # Clicks would go on placing points of the list before.
+            # Clicks would still place points of the list before.
             self.stopPlacing()
             self.removeObservers()
             self._landmarks = node
@@ -268,7 +268,7 @@ class ModelSection(VTKObservationMixin):
         self._showPlaced()
 
     def _showPlaced(self):
-        """Say how many landmarks are placed, and which one the next click places."""
+        """Show how many landmarks are placed, and which one the next click places."""
         ui, node = self._ui, self._landmarks
         there = node is not None and node.GetScene() is not None
         ui.landmarksPlacedLabel.text = landmarksText(node) if there else ""
@@ -329,5 +329,5 @@ class ModelSection(VTKObservationMixin):
             self._show(str(error))
 
     def _showMeshText(self, text):
-        """Show what the mesher says below the files that were written; of its report the lines about the whole."""
+        """Show the text of the mesher below the files that were written; of its report only the summary."""
         self._show("\n".join([self._written, *text.split("\n")[:_LINES_OF_MESH]]))

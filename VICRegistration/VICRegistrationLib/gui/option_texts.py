@@ -1,4 +1,4 @@
-"""Which widget shows which option of a fit, and the texts that the table of options has for it. Needs no Slicer."""
+"""The widgets of the options of a fit, with their texts from the table of options. Needs no Slicer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WIDGETS = (
     ("tolerance", "toleranceMm", "toleranceSpin"),
     ("max_iterations", "maxIterations", "maxIterationsSpin"),
 )
-# Those in other sections.
+# Widgets in other sections.
 ELSEWHERE = (
     ("threshold", "threshold", "thresholdRange"),
     ("erosion", "erosionMm", "erosionSlider"),

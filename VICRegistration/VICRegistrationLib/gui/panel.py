@@ -79,7 +79,7 @@ class Panel(VTKObservationMixin):
         self._follow(self.parameters.parameterNode, self._parametersChanged)
         self.stacksSection.open(self.organs)
         scene = slicer.mrmlScene
-        # Before the selectors, which would choose a neighbour in their list.
+        # Called before the selectors, which would choose another node of their list.
         self.addObserver(scene, scene.NodeAboutToBeRemovedEvent, self._nodeGoes, priority=1.0)
         self._showOrgan()
 
@@ -90,7 +90,7 @@ class Panel(VTKObservationMixin):
         self._stopPlacing()
         self.modelSection.setModule(None)
         self._volumeBinding.release()
-        # All at once: the mixin holds on to nodes, with their voxels, whose observers are removed one by one.
+        # All at once: after removing observers one by one, the mixin keeps the nodes, with their voxels, in memory.
         self.removeObservers()
         self._organ = self._volume = None
         for section in (self.separateSection, self.correctSection, self.compareSection):
@@ -104,7 +104,7 @@ class Panel(VTKObservationMixin):
         self.ui.addOrganButton.enabled = False
 
     def stop(self):
-        """End what is under way, and follow nothing any more."""
+        """End fits and meshing, and follow nothing any more."""
         self._toFit = []
         self.fitSection.stop()
         self.exportSection.stop()
@@ -124,7 +124,7 @@ class Panel(VTKObservationMixin):
         self.organs.remove(self._organ)
 
     def showVolume(self, node):
-        """Show a volume that the user has chosen in the slices, to be clicked into."""
+        """Show a volume in the slice views when the user has chosen it."""
         if node is not None:
             showInSlices(node)
 
@@ -143,7 +143,7 @@ class Panel(VTKObservationMixin):
     def refit(self):
         """Fit the current organ again, through its boundary points."""
         self._stopPlacing()
-        # The surface lies in the volume that it was fitted in, whatever is chosen now.
+        # In the volume that the surface was fitted in, whichever is chosen now.
         self.fitSection.refit(self._organ, volumeOf(self._organ) or self._volume)
 
     def refresh(self):
@@ -169,7 +169,7 @@ class Panel(VTKObservationMixin):
         self.fitSection.fit(organs, self._volume, self.stacksSection.chosen())
 
     def _stopPlacing(self):
-        """Leave the mode in which clicks place points of the current organ; the mode of somebody else stays."""
+        """Leave the mode in which clicks place points of the current organ; modes of other modules stay."""
         for widget in (self.ui.seedPlaceWidget, self.ui.boundaryPlaceWidget):
             stopPlacing(widget)
 
@@ -187,13 +187,13 @@ class Panel(VTKObservationMixin):
             self.fitSection.fit(ready, self._volume, self.stacksSection.chosen())
 
     def _takeReady(self):
-        """Take those that have a region from the new organs that wait for their fit; cancelling takes them as well."""
+        """Take the organs that have a region from the new organs that wait for their fit; Cancel takes them too."""
         ready = [organ for organ in self.organs or () if organ.parameterNode in self._toFit and self._isReady(organ)]
         self._toFit = [node for node in self._toFit if node not in [organ.parameterNode for organ in ready]]
         return ready
 
     def _isReady(self, organ):
-        """Whether a new organ has its region; one that was left before that gets it by its fit."""
+        """Whether a new organ has its region, or can get it by its fit because the user went on to another organ."""
         return organ.state is OrganState.SEPARATED or (organ is not self._organ and canBeSeparated(organ))
 
     def _fitAtOnceChosen(self, chosen):
@@ -203,7 +203,7 @@ class Panel(VTKObservationMixin):
         """Let every section follow the current organ."""
         organ, volume = self.organs.current(), self.parameters.volume
         if organ is not self._organ or volume is not self._volume:
-            # Clicks would go on placing points of the organ before.
+            # Clicks would still place points of the organ before.
             self._stopPlacing()
         # Nodes that the organ lacks are made before its changes are followed.
         self._followOrgan(None, None)
@@ -234,7 +234,7 @@ class Panel(VTKObservationMixin):
     def _organChanged(self, caller=None, event=None):
         organ = self._organ
         if self._volume is not None and (organ.seeds is None or organ.boundaryPoints is None):
-            # Somebody has deleted them; new lists become those in which clicks place points.
+            # The user has deleted them; clicks then place points in new lists.
             self._stopPlacing()
             self._showOrgan()
         else:
@@ -242,7 +242,7 @@ class Panel(VTKObservationMixin):
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _nodeGoes(self, caller, event, node):
-        """Choose nothing in place of a node that is about to be removed."""
+        """Clear the choice of a node that is about to be removed; the selectors would choose another one."""
         if slicer.mrmlScene.IsClosing():
             return
         if self.parameters.volume is node:
@@ -262,7 +262,7 @@ class Panel(VTKObservationMixin):
             self.parameters.volume = next(iter(shown or volumes), None)
 
     def _volumeMoved(self, volume):
-        """Let what lies in a volume follow it."""
+        """Move organs and models with their volume."""
         for organ in self.organs:
             followVolume(organ, volume)
             if (volumeOf(organ) or self._volume) is volume:

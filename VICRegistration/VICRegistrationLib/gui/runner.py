@@ -1,4 +1,4 @@
-"""Runs a generator from Qt's event loop, a slice of time after the other, so that the panel stays alive."""
+"""Runs a generator from Qt's event loop in short slices of time, so that the panel stays responsive."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 import qt
 from slicer.i18n import tr as _
 
-# Length of a slice of time; a step that takes longer is not interrupted.
+# Length of a slice of time, s; a step that takes longer is not interrupted.
 SLICE_S = 0.05
 
 
@@ -19,9 +19,9 @@ class StepRunner:
     ----------
     steps : generator
     onStep : callable
-        Called with the newest step after every slice of time: screens cannot show more.
+        Called with the newest step after every slice of time.
     onEnd : callable
-        Called once, with a sentence that says why there is no result; it is empty where there is one.
+        Called once, with a text that says why there is no result; empty if there is one.
     """
 
     def __init__(self, steps, onStep, onEnd):
@@ -34,7 +34,7 @@ class StepRunner:
         self._cancelled = True
 
     def stop(self):
-        """End now: for when the scene goes."""
+        """End now, because the scene is closed."""
         if self._running:
             self._end(_("Cancelled; everything is as it was before."))
 
@@ -56,7 +56,7 @@ class StepRunner:
             self._end(str(error))
         except Exception:
             logging.exception("The fit failed")
-            self._end(_("The fit failed for a reason that was not foreseen; the log has it (Help > Report a Bug)."))
+            self._end(_("The fit failed because of an unexpected error. The log has it (Help > Report a Bug)."))
         else:
             qt.QTimer.singleShot(0, self._slice)
 

@@ -20,7 +20,7 @@ from .binding import Binding, SegmentChoice
 from .message_label import MessageLabel
 from .widgets import showPlaceButtons, showRow, signalsBlocked
 
-# Long enough for the changes of one drag of a slider to become one, too short to be noticed.
+# Joins the changes of a slider that is dragged; too short to be noticed.
 _DELAY_MS = 30
 
 
@@ -116,14 +116,14 @@ class SeparateSection(VTKObservationMixin):
         showRow(fromSeeds, ui.dilationLabel, ui.dilationSlider, ui.dilationAutomaticCheck)
 
     def schedule(self):
-        """Separate soon, once for all changes that come together, and show the region."""
+        """Separate soon, once for all changes within a short time, and show the region."""
         if self._organ is not None:
             self._ui.previewCheck.checked = True
             if not self._timer.isActive():
                 self._timer.start()
 
     def separate(self):
-        """Separate the organ now, show its region, and show its volume or what is wrong."""
+        """Separate the organ now, and show its region with its volume, or an error."""
         organ, volumeNode = self._organ, self._volume
         if organ is None or organ.parameterNode.GetScene() is None or volumeNode.GetScene() is None:
             return
@@ -134,7 +134,7 @@ class SeparateSection(VTKObservationMixin):
         except Exception:
             logging.exception("The separation failed")
             self._message.show(
-                _("The separation failed for a reason that was not foreseen; the log has it (Help > Report a Bug).")
+                _("The separation failed because of an unexpected error. The log has it (Help > Report a Bug).")
             )
         else:
             volume = _("Region: {volume} ml").format(volume=f"{region.volume_ml:.1f}")
@@ -152,7 +152,7 @@ class SeparateSection(VTKObservationMixin):
         }
 
     def _currentSettings(self):
-        """Return what the region depends on; what separating sets by itself counts only where it is given."""
+        """Return the settings that the region depends on; None for those that the separation chooses itself."""
         organ = self._organ
         threshold = (organ.threshold.minimum, organ.threshold.maximum)
         return (
@@ -166,7 +166,7 @@ class SeparateSection(VTKObservationMixin):
         )
 
     def _seedsChanged(self, caller=None, event=None):
-        # Also called when the pointer carries a point in and out of a view: nothing has been placed then.
+        # Also called when a point that is being placed enters or leaves a view; refresh then finds no change.
         self.refresh()
 
     def _voxelsChanged(self, caller=None, event=None):
@@ -185,18 +185,18 @@ class SeparateSection(VTKObservationMixin):
             self._organ.thresholdAutomatic = True
 
     def _showThreshold(self):
-        """Let the slider cover the volume's grey levels and the threshold, and show it, without writing it back."""
+        """Show the threshold in a slider that covers the volume's grey levels; nothing is written to the parameter."""
         widget, threshold = self._ui.thresholdRange, self._organ.threshold
         low, high = _levels(self._volume)
         low, high = min(low, threshold.minimum), max(high, threshold.maximum)
         with signalsBlocked(widget):
             if self._range != (low, high):
                 self._range = (low, high)
-                # A thousand steps or more from end to end.
+                # At least a thousand steps from end to end.
                 widget.decimals = (
                     0 if _holdsWholeNumbers(self._volume) else max(0, 3 - math.floor(math.log10(high - low)))
                 )
-                # In this order: a step that is longer than the range is refused.
+                # The range first: a step that is longer than the range is refused.
                 widget.setRange(low, high)
                 widget.singleStep = max(10.0**-widget.decimals, (high - low) / 1000.0)
             widget.setValues(threshold.minimum, threshold.maximum)
@@ -214,18 +214,18 @@ class SeparateSection(VTKObservationMixin):
             setRegionVisible(self._organ, visible)
 
     def _regionDisplay(self):
-        """How the region is shown; None where there is none, as after the deletion of its segment."""
+        """Display node of the region, or None if there is no region."""
         organ = self._organ
         return organ.regions.GetDisplayNode() if organ is not None and hasSegment(organ) else None
 
 
 def _levels(volumeNode):
-    """Lowest and highest grey level of a volume that are numbers; VTK remembers them until the voxels change."""
+    """Lowest and highest finite grey level of a volume; VTK caches them until the voxels change."""
     data = volumeNode.GetImageData()
     scalars = data.GetPointData().GetScalars() if data is not None else None
     low, high = scalars.GetFiniteRange(0) if scalars is not None else (0.0, 1.0)
     if not low <= high:
-        # Not a single one is a number.
+        # There is no finite grey level.
         return 0.0, 1.0
     return (low, high) if high > low else (low, low + 1.0)
 

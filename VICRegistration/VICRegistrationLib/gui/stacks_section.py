@@ -1,4 +1,4 @@
-"""The list of further stacks: which other volumes an organ is fitted to as well, and what became of each."""
+"""The list of further stacks: the other volumes that organs are fitted to as well, and how each was used."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _NAME, _RESULT, _ALIGN = range(3)
 
 
 class StacksSection(VTKObservationMixin):
-    """Lists the other volumes of the scene that show the same place, to be ticked.
+    """Lists the other volumes of the scene that show the same place; the user ticks those to be used.
 
     Parameters
     ----------
     ui : namespace of widgets
         `furtherStacksLabel` and `furtherStacksTable`.
     onChanged : callable
-        Called without arguments when volumes have come or gone.
+        Called without arguments when volumes were added or removed.
     onCame : callable
-        Called without arguments when volumes have come.
+        Called without arguments when volumes were added.
     onMoved : callable
         Called with a volume whose place in the world has changed.
     """
@@ -42,7 +42,7 @@ class StacksSection(VTKObservationMixin):
         self._table.horizontalHeader().setVisible(False)
         self._table.setSelectionMode(qt.QAbstractItemView.NoSelection)
         showRow(False, self._label, self._table)
-        # A volume may get its voxels after it has come into the scene.
+        # Later, because a volume may get its voxels after it was added to the scene.
         self._timer = qt.QTimer()
         self._timer.setSingleShot(True)
         self._timer.setInterval(0)
@@ -50,7 +50,7 @@ class StacksSection(VTKObservationMixin):
 
     @property
     def rows(self):
-        """Number of rows that are seen."""
+        """Number of rows that are visible."""
         return min(len(self._listed), STACK_ROWS)
 
     def open(self, organs):
@@ -69,7 +69,7 @@ class StacksSection(VTKObservationMixin):
         self._forgetRemoved()
 
     def close(self):
-        """List nothing; contours go on to follow what the slice views show."""
+        """List nothing; contours still follow the slice views."""
         self._timer.stop()
         self._moves.removeObservers()
         self._organs = None
@@ -91,7 +91,7 @@ class StacksSection(VTKObservationMixin):
         return [node for node in self._listed if node in ticked]
 
     def refresh(self, volumeNode, organ):
-        """List the volumes that show the same place as a volume, with what became of them in an organ's last fit.
+        """List the volumes that show the same place as a volume, and how an organ's last fit has used them.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class StacksSection(VTKObservationMixin):
         self._table.setRowCount(len(self._listed))
         ticked = self.chosen()
         aligning = [self._fill(row, node, node in ticked) for row, node in enumerate(self._listed)]
-        # Names get the place of buttons that nobody can press.
+        # Without buttons to press, the names get their place.
         self._table.setColumnHidden(_ALIGN, not any(aligning))
         fitHeight(self._table, header=False, least=1, most=STACK_ROWS)
 
@@ -182,7 +182,7 @@ class StacksSection(VTKObservationMixin):
         self._onChanged()
 
     def _forgetRemoved(self):
-        """Keep nothing of volumes that were removed, and follow those that are there."""
+        """Forget volumes that were removed, and follow those that are there."""
         self._moves.removeObservers()
         if self._organs is None:
             return
@@ -201,7 +201,7 @@ class StacksSection(VTKObservationMixin):
         self._moves.addObserver(volumeNode, vtk.vtkCommand.ModifiedEvent, self._renamed)
 
     def _renamed(self, caller, event=None):
-        """Show the name of a volume that was changed: it may be another one."""
+        """Show the name of a volume that was changed; it may have been renamed."""
         if caller in self._listed:
             self._table.cellWidget(self._listed.index(caller), _NAME).text = _label(caller)
 
@@ -215,7 +215,7 @@ def _label(node):
 
 
 def _short(record):
-    """Say in a cell what became of a stack."""
+    """Text of the cell that tells how a stack was used."""
     if record is None:
         return ""
     if not record.used:
@@ -224,13 +224,13 @@ def _short(record):
 
 
 def _long(record, node):
-    """Say in a tooltip what became of a stack."""
+    """Tooltip that tells how a stack was used."""
     if record is None:
         return _("The last fit of the selected organ did not use this stack.")
     if not record.used:
         return _("The stack {stack} was left out. {reason}").format(stack=node.GetName(), reason=record.reason)
     moved = _("{shift} mm, {turn} degrees")
-    # Not known of fits of earlier versions.
+    # Earlier versions have not stored the standard deviations.
     if record.shiftDeviation > 0.0:
         moved = _("{shift} ± {shiftDeviation} mm, {turn} ± {turnDeviation} degrees (standard deviations)")
     moved = moved.format(

@@ -1,23 +1,23 @@
-"""What the sections do with the widgets of the panel: tables, rows of a form, buttons that place points."""
+"""Helpers of the panel's sections for tables, rows of a form, and buttons that place points."""
 
 from __future__ import annotations
 
 import contextlib
 
 LEAST_ROWS, MOST_ROWS = 2, 6
-# Rows of the list of further stacks that are seen at once.
+# Rows of the list of further stacks that are visible at once.
 STACK_ROWS = 3
 
 
 def setUpTable(table, titles, *, wide):
-    """Give a table its columns; nothing can be typed into its cells.
+    """Set up the columns of a table, whose cells cannot be edited.
 
     Parameters
     ----------
     table : QTableWidget
     titles : list of str
     wide : int
-        Column that takes what width is left; the others are as wide as their contents.
+        Column that gets the remaining width; the others are as wide as their contents.
     """
     import qt
 
@@ -32,7 +32,7 @@ def setUpTable(table, titles, *, wide):
 
 
 def tableHeight(rows, *, row, header, frame, least=LEAST_ROWS, most=MOST_ROWS):
-    """Height of a table that shows its rows; more than the most are scrolled.
+    """Height of a table; rows beyond the most are scrolled.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def tableHeight(rows, *, row, header, frame, least=LEAST_ROWS, most=MOST_ROWS):
 
 
 def fitHeight(table, *, header=True, least=LEAST_ROWS, most=MOST_ROWS):
-    """Make a table as high as its rows.
+    """Set the height of a table to that of its rows.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def fitHeight(table, *, header=True, least=LEAST_ROWS, most=MOST_ROWS):
 
 
 def organRows(stackRows):
-    """Rows of organs that are seen at once: what one works with stays within 600 pixels, further stacks included.
+    """Return the number of organs that are visible at once, so that the panel down to its status has 600 pixels.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def showRow(visible, *widgets):
 
 @contextlib.contextmanager
 def signalsBlocked(widget):
-    """Let a widget emit no signals meanwhile, so that what it is made to show is not taken for a choice of the user.
+    """Block the signals of a widget while its contents are set, which is no choice of the user.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def signalsBlocked(widget):
 
 
 def showPlaceButtons(widget):
-    """Show the buttons that place and delete points, and none of the others; points that are being placed are shown.
+    """Show only the buttons that place and delete points, and make a list visible when points are placed in it.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def showPlaceButtons(widget):
 
 
 def _show(node):
-    # Slicer places points in a hidden list too, and nothing of them is seen.
+    # Slicer also places points in a hidden list, where they would not be visible.
     if node.GetDisplayNode() is not None:
         node.GetDisplayNode().SetVisibility(True)
 

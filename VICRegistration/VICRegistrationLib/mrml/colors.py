@@ -1,4 +1,4 @@
-"""Surfaces coloured by numbers at their points: one range and one legend for all that show the same numbers."""
+"""Surfaces coloured by point scalars: all models that show the same scalars share one range and one legend."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-# Names of the points' numbers in the model, which Slicer shows as they are.
+# Names of the scalars, which Slicer shows to the user.
 DEVIATION, STANDARD_DEVIATION = "Deviation (mm)", "Standard deviation (mm)"
-# The colours end here, so that one corner that is far off does not make all the rest look alike.
+# The colour range ends at this percentile: a few outliers would make all other points look alike.
 _PERCENTILE = 95.0
 _LEAST_RANGE = 0.1
 
 
 @dataclass(frozen=True)
 class _Scale:
-    """How numbers are shown.
+    """How scalars are shown.
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ class _Scale:
     signed : bool
         Whether zero is in the middle.
     labels : int
-        Of the legend: their steps then have as few digits as the ends of the range.
+        Number of labels in the legend, whose values then have as few digits as the ends of the range.
     place : (x, y)
-        Of the legend in the view, 0 to 1.
+        Of the legend in the view, 0 to 1 from the lower left corner.
     """
 
     colors: str
@@ -46,14 +46,14 @@ _SCALES = {
 }
 
 
-def addNumbers(data, name, values):
-    """Give points numbers that they can be coloured by.
+def addScalars(data, name, values):
+    """Add a scalar array that points can be coloured by.
 
     Parameters
     ----------
     data : vtkPolyData
     name : {DEVIATION, STANDARD_DEVIATION}
-        Numbers of this name are replaced.
+        An array of this name is replaced.
     values : (n,) array_like
         One for every point.
     """
@@ -63,8 +63,8 @@ def addNumbers(data, name, values):
     data.Modified()
 
 
-def hasNumbers(modelNode, name):
-    """Whether the points of a model have numbers that it can be coloured by.
+def hasScalars(modelNode, name):
+    """Whether a model has a scalar array that it can be coloured by.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def hasNumbers(modelNode, name):
 
 
 def coloredBy(modelNode):
-    """Name of the numbers that a model is coloured by.
+    """Name of the scalars that a model is coloured by.
 
     Parameters
     ----------
@@ -94,11 +94,11 @@ def coloredBy(modelNode):
     if display is None or not display.GetScalarVisibility():
         return None
     name = display.GetActiveScalarName()
-    return name if hasNumbers(modelNode, name) else None
+    return name if hasScalars(modelNode, name) else None
 
 
 def colorBy(modelNode, name=None):
-    """Colour a model by numbers of its points, with a legend.
+    """Colour a model by its scalars, with a legend.
 
     Parameters
     ----------
@@ -109,13 +109,13 @@ def colorBy(modelNode, name=None):
     Raises
     ------
     ValueError
-        If there is no model, or its points have no such numbers.
+        If there is no model, or it has no such scalars.
     """
     if modelNode is None:
         raise ValueError(_("There is no surface yet. Fit the organ first."))
-    if name is not None and not hasNumbers(modelNode, name):
+    if name is not None and not hasScalars(modelNode, name):
         raise ValueError(
-            _("The model {model} has no numbers named {name} at its points; they are needed to colour it.").format(
+            _("The model {model} has no point scalars named {name}, so it cannot be coloured by them.").format(
                 model=modelNode.GetName(), name=name
             )
         )
@@ -132,7 +132,7 @@ def colorBy(modelNode, name=None):
 
 
 def exchangePolyData(modelNode, data):
-    """Let a model show other triangles; it gets its own colour back where they lack what it was coloured by.
+    """Replace the triangles of a model; it gets its own colour back if they lack the scalars it was coloured by.
 
     Parameters
     ----------
@@ -148,12 +148,12 @@ def exchangePolyData(modelNode, data):
 
 
 def updateLegends():
-    """Give all models that are coloured by the same numbers one range, and those of them that are seen one legend.
+    """Give all models that are coloured by the same scalars one range, and the visible ones among them one legend.
 
     Notes
     -----
     The range holds 95 % of the points of each model. It is rounded up to 1, 2 or 5 times a power of ten, and at least
-    0.1; what is beyond it has the colours of its ends.
+    0.1 mm; values beyond it have the colours of its ends.
     """
     models = slicer.util.getNodesByClass("vtkMRMLModelNode")
     names = [coloredBy(node) for node in models]
@@ -182,7 +182,7 @@ def _showLegend(modelNode, name, high):
         legend.SetPosition(*scale.place)
         legend.SetNumberOfLabels(scale.labels)
         legend.SetLabelFormat("%.2f" if high < 1.0 else "%.1f")
-        # In the slices it would lie on the image.
+        # In slice views it would cover the image.
         legend.SetVisibility2D(False)
         legend.SetVisibility(True)
 
@@ -197,7 +197,7 @@ def _hideLegend(modelNode):
 
 
 def _colorLogic():
-    """Logic of Slicer's module Colors, or None where that is switched off."""
+    """Logic of Slicer's module Colors, or None if the module is disabled."""
     module = getattr(slicer.modules, "colors", None)
     return module.logic() if module is not None else None
 
@@ -207,12 +207,12 @@ def _has(data, name):
 
 
 def _extent(modelNode, name):
-    """Size that the numbers at most points of a model do not exceed."""
+    """Absolute value that the scalars at 95 % of the points do not exceed."""
     values = np.abs(vtk_to_numpy(modelNode.GetPolyData().GetPointData().GetArray(name)))
     return float(np.percentile(values, _PERCENTILE)) if len(values) else 0.0
 
 
 def _roundedUp(value):
-    """1, 2 or 5 times a power of ten that is not below a value, judged by its first digits."""
+    """Smallest of 1, 2 and 5 times a power of ten that is not below a value, to three digits."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= 0.999 * value)

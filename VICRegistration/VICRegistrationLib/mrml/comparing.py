@@ -1,11 +1,11 @@
-"""Comparing the surface of an organ with a reference: numbers in a table, distances as colours."""
+"""Comparing the surface of an organ with a reference: figures in a table, distances as colours."""
 
 from __future__ import annotations
 
 import slicer
 from slicer.i18n import tr as _
 
-from .colors import DEVIATION, addNumbers, colorBy
+from .colors import DEVIATION, addScalars, colorBy
 from .comparison_table import addComparison
 from .references import referenceFor, referenceName
 from .surfaces import surfaceOf
@@ -21,9 +21,9 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
     Parameters
     ----------
     organ : OrganParameters
-        Remembers the reference.
+        The reference is stored in it.
     volumeNode : vtkMRMLScalarVolumeNode or None
-        Gives the patient where none is given.
+        Its name stands for the patient where none is given.
     reference : vtkMRMLSegmentationNode or vtkMRMLModelNode
     segmentId : str
         ID of the segment in a segmentation.
@@ -52,20 +52,20 @@ def compareOrgan(organ, volumeNode, reference, segmentId="", *, patient=None):
         raise ValueError(msg) from error
     _checkOverlap(comparison, organ, name)
     data = organ.surface.GetPolyData()
-    addNumbers(data, DEVIATION, distances_from(found, slicer.util.arrayFromModelPoints(organ.surface)))
+    addScalars(data, DEVIATION, distances_from(found, slicer.util.arrayFromModelPoints(organ.surface)))
     _setText(data, "\n".join([_summary(comparison, name), *_warnings(found)]))
     colorBy(organ.surface, DEVIATION)
     patient = patient or patientOf(volumeNode)
     addComparison(comparison, patient=patient, organ=organ.label, reference=name)
     with slicer.util.NodeModify(organ.parameterNode):
         organ.setReference(reference, segmentId)
-        # Who follows the organ looks at its surface again.
+        # Its surface is another node's: the panel, which observes this one, would not notice the new distances.
         organ.parameterNode.Modified()
     return comparison
 
 
 def comparisonText(organ):
-    """Words for what the last comparison of an organ's surface has found.
+    """Describe the last comparison of an organ's surface.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def comparisonText(organ):
     Returns
     -------
     str
-        Empty where it was not compared as it is now.
+        Empty if the surface was not compared since it was fitted.
     """
     data = organ.surface.GetPolyData() if organ.surface is not None else None
     text = data.GetFieldData().GetAbstractArray(_TEXT) if data is not None else None
@@ -91,19 +91,19 @@ def patientOf(volumeNode):
     Returns
     -------
     str
-        That of the volume where no other one was given, empty without a volume.
+        The volume's own name if no other one was given; empty without a volume.
     """
     return (volumeNode.GetAttribute(_PATIENT_ATTRIBUTE) or volumeNode.GetName()) if volumeNode is not None else ""
 
 
 def setPatient(volumeNode, name):
-    """Give the patient of a volume a name; it is kept with the volume.
+    """Store the name of the patient with a volume.
 
     Parameters
     ----------
     volumeNode : vtkMRMLScalarVolumeNode
     name : str
-        That of the volume if it is blank.
+        A blank one stands for the volume's own name.
     """
     name = name.strip()
     if name and name != volumeNode.GetName():
@@ -117,8 +117,8 @@ def _checkOverlap(comparison, organ, name):
         return
     raise ValueError(
         _(
-            "The surface of {organ} and {reference} do not overlap, they are {distance} mm apart; a reference of the "
-            "same organ is needed. Choose another one, or look at the transforms of both."
+            "The surface of {organ} and {reference} do not overlap: they are {distance} mm apart. A reference of the "
+            "same organ is needed. Choose another one, or check the transforms of both."
         ).format(organ=organ.label, reference=name, distance=f"{min(abs(comparison.signed_to_reference)):.1f}")
     )
 
@@ -143,7 +143,7 @@ def _summary(comparison, name):
 
 
 def _warnings(reference):
-    """Warn of what makes distances look larger than they are."""
+    """Warn if the reference has several pieces, which make distances look larger than they are."""
     from ..analysis.reference_meshes import closed_mesh, pieces
     from ..geometry.surface import BSplineSurface
 
@@ -152,8 +152,8 @@ def _warnings(reference):
         return []
     return [
         _(
-            "The reference has {count} pieces or hollows, and all of them count; Islands in Segment Editor removes "
-            "stray ones."
+            "The reference has {count} pieces or cavities, and all of them count. The effect Islands of Segment Editor "
+            "removes those that do not belong to the organ."
         ).format(count=count)
     ]
 

@@ -33,7 +33,7 @@ def showConvergence(tableNode, history):
 
 
 def createPlot(name, color):
-    """Make a chart of the cost over the iterations, without touching the layout.
+    """Make a chart of the cost over the iterations; the layout stays.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def createPlot(name, color):
 
 
 def seriesOf(organ):
-    """Plot series of an organ: that of its chart, or one of the cost in its table that has outlived its chart.
+    """Plot series of an organ: that of its chart, or one of its table's costs whose chart was deleted.
 
-    What a user plots of the table's other columns is not among them.
+    Series of other columns of the table are the user's own.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Organs of the scene as files for CAD and simulation, and meshes back into the scene."""
+"""Exporting organs of the scene for CAD and simulation, and loading their meshes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ASSEMBLY, _STEP = "organs", ".step"
 
 
 def worldSurface(organ):
-    """B-spline surface of an organ where it lies in the world.
+    """B-spline surface of an organ in world coordinates.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ def worldSurface(organ):
     Raises
     ------
     ValueError
-        If the organ has no surface, or lies under a transform that bends it.
+        If the organ has no surface, or lies under a nonlinear transform.
     """
     surface = surfaceOf(organ)
     matrix = linearRelation(organ.surface.GetParentTransformNode(), None)
     if matrix is None:
         raise ValueError(
             _(
-                "The organ {name} is under a transform that bends it; a B-spline surface cannot follow that exactly. "
+                "The organ {name} is under a nonlinear transform, which a B-spline surface cannot follow exactly. "
                 "Take the volume out of the transform, or harden the transform on the volume and fit again."
             ).format(name=organ.label)
         )
@@ -54,7 +54,7 @@ def exportSurfaces(organs, folder, suffix, *, faces=1):
     folder : path
         Is made if it does not exist.
     suffix : str
-        ".step": one file, with several organs an assembly; ".stl", ".ply" or ".vtp": a file for each organ.
+        ".step": one file, an assembly if there are several organs; ".stl", ".ply" or ".vtp": a file for each organ.
     faces : int
         Faces of each solid in the STEP file.
 
@@ -66,7 +66,7 @@ def exportSurfaces(organs, folder, suffix, *, faces=1):
     Raises
     ------
     ValueError
-        If an organ has no surface or no valid one, or a name that no file can have.
+        If an organ has no valid surface, or a name that cannot be a file name.
     OSError
         If a file cannot be written.
     """
@@ -88,20 +88,20 @@ def exportSurfaces(organs, folder, suffix, *, faces=1):
 
 
 def meshArguments(organs, workFolder, folder, suffix, *, sizeMm, order=1, wallMm=0.0):
-    """Words of the command ``vic-registration mesh`` that meshes organs in a process of its own.
+    """Arguments of ``vic-registration mesh`` for meshing organs in a process of its own.
 
     Parameters
     ----------
     organs : sequence of OrganParameters
-        In the order of their priority where they overlap.
+        Where two overlap, the overlap belongs to the first.
     workFolder : path
-        Gets the surfaces; has to be there until the process has ended.
+        For the surfaces; must exist until the process has ended.
     folder : path
-        Gets the mesh.
+        For the mesh.
     suffix : str
         One of `MESH_FORMATS` in meshing/formats.py.
     sizeMm : float
-        Edge of an element.
+        Edge length of an element.
     order : {1, 2}
     wallMm : float
         Thickness of the wall of hollow organs; 0 for solid ones.
@@ -144,7 +144,7 @@ def loadMesh(path):
     Returns
     -------
     vtkMRMLModelNode
-        Drawn with its edges. The quality report beside the file, if there is one, becomes its attribute `VIC.quality`.
+        Shown with edges. The quality report beside the file, if there is one, is stored in its attribute `VIC.quality`.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _solids(organs):
     for organ in organs:
         name = organ_name(organ.label)
         if file_key(name) in solids:
-            # As after scenes were loaded on top of each other: one file would replace the other.
+            # Possible after two scenes were loaded: one file would replace the other.
             raise ValueError(_("Two organs are named {name}; rename one of them in the table.").format(name=name))
         solids[file_key(name)] = Solid(name, worldSurface(organ), tuple(organ.color))
     if not solids:

@@ -1,11 +1,11 @@
-"""Fitting and correcting an organ of the scene, step by step."""
+"""Fitting an organ of the scene, and fitting it again through boundary points, step by step."""
 
 from __future__ import annotations
 
 import slicer
 from slicer.i18n import tr as _
 
-from .colors import colorBy, coloredBy, exchangePolyData, hasNumbers
+from .colors import colorBy, coloredBy, exchangePolyData, hasScalars
 from .convergence import showConvergence
 from .organ_nodes import convergenceOf, followVolume, modelOf, removeNodes, setRegionVisible, volumeOf
 from .parameters import OrganState
@@ -40,14 +40,14 @@ def fitSteps(organ, volumeNode, furtherStacks=()):
     Raises
     ------
     ValueError
-        If the organ cannot be separated or fitted, or something that is needed was deleted meanwhile.
+        If the organ cannot be separated or fitted, or a node that is needed was deleted meanwhile.
     """
     from ..registration.organ import fit_region
 
-    with _Bookkeeping(organ, volumeNode, furtherStacks) as book:
+    with _FitOnNodes(organ, volumeNode, furtherStacks) as run:
         image, region = imageAndRegion(organ, volumeNode)
-        given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": book.stacks()}
-        return (yield from book.followed(image, fit_region(image, region, organ.options(), **given)))
+        given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": run.stacks()}
+        return (yield from run.followed(image, fit_region(image, region, organ.options(), **given)))
 
 
 def refitSteps(organ, volumeNode):
@@ -74,18 +74,18 @@ def refitSteps(organ, volumeNode):
     """
     from ..registration.refit import refit
 
-    with _Bookkeeping(organ, volumeNode, stacksOf(organ)) as book:
+    with _FitOnNodes(organ, volumeNode, stacksOf(organ)) as run:
         image = imageFromVolume(volumeNode)
         followVolume(organ, volumeNode)
         surface = surfaceOf(organ, corrected=False)
-        # From where earlier points have not pulled it: a point that is removed leaves nothing behind.
-        further = book.stacks(stacksOf(organ))
+        # From the surface before earlier points corrected it: a point that was removed then has no effect.
+        further = run.stacks(stacksOf(organ))
         given = {"boundary_points": _boundaryPoints(organ, volumeNode), "further": further}
-        return (yield from book.followed(image, refit(image, surface, organ.options(), **given)))
+        return (yield from run.followed(image, refit(image, surface, organ.options(), **given)))
 
 
 def boundaryDeviations(organ, volumeNode):
-    """How far the boundary points are from the surface; also written beside them in the views.
+    """Distances of the boundary points from the surface, also written beside the points in the views.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def updateVolume(organ):
     Parameters
     ----------
     organ : OrganParameters
-        Without a surface, or with one whose triangles others have changed, nothing is done.
+        Nothing is done if it has no surface, or if another module has changed the triangles.
     """
     fitted = organ.surface is not None and organ.state in (OrganState.FITTED, OrganState.UNSETTLED)
     surface = surfaceIfAny(organ.surface) if fitted else None
@@ -132,15 +132,15 @@ def updateVolume(organ):
 
 
 def checkedSteps(steps, check, shown=lambda step: step):
-    """Pass the steps of a fit on as long as what it needs is there.
+    """Pass on the steps of a fit as long as the nodes that it needs are in the scene.
 
     Parameters
     ----------
     steps : generator
     check : callable
-        Called without arguments before every step; raises an error where something is missing.
+        Called without arguments before every step; raises an error if a node is missing.
     shown : callable, optional
-        Takes a step to what is passed on.
+        Turns a step into what is passed on.
 
     Yields
     ------
@@ -162,12 +162,12 @@ def checkedSteps(steps, check, shown=lambda step: step):
 
 
 def checkInScene(needed):
-    """Raise an error if something that a fit needs was deleted.
+    """Raise an error if a node that a fit needs was deleted.
 
     Parameters
     ----------
     needed : sequence of (vtkMRMLNode, str, str)
-        Nodes, their kinds and names, and sentences that say what to do where one was deleted.
+        Nodes, what each is called, and what to do if it was deleted.
 
     Raises
     ------
@@ -181,8 +181,8 @@ def checkInScene(needed):
             )
 
 
-class _Bookkeeping:
-    """Keeps an organ's nodes in step with a fit: what was there comes back when the fit does not come to its end."""
+class _FitOnNodes:
+    """Shows a fit in the nodes of an organ, and restores them if the fit fails or is cancelled."""
 
     def __init__(self, organ, volumeNode, furtherStacks):
         self.organ, self.volumeNode = organ, volumeNode
@@ -203,7 +203,7 @@ class _Bookkeeping:
     def __exit__(self, kind, error, trace):
         if kind is None:
             return
-        # The model is kept here too: an organ that was removed from the scene does not know it any more.
+        # Not organ.surface: an organ that was removed from the scene has lost that reference.
         if _isThere(self.model) and self.before is not None:
             exchangePolyData(self.model, self.before)
             if _isThere(self.volumeBefore):
@@ -217,13 +217,13 @@ class _Bookkeeping:
                 self.organ.state = OrganState.FAILED
 
     def stacks(self, records=None):
-        """Further stacks as the library takes them; the search begins where records of an earlier fit have them."""
+        """Further stacks for the library; the search for their motions begins at those of an earlier fit."""
         stacks, self._leftOut = stacksToFit(self.volumeNode, self._further, records)
         self._fitted = tuple(stacks)
         return tuple(stacks.values())
 
     def followed(self, image, steps):
-        """Pass the steps of a fit on, as long as what it needs is there, and record its result."""
+        """Pass on the steps of a fit as long as the nodes that it needs are in the scene, and store its result."""
         self.model = modelOf(self.organ, self.volumeNode)
         volume = _("volume {name}").format(name=self.volumeNode.GetName())
         self._needed.append((self.volumeNode, volume, _("Choose a volume and fit again.")))
@@ -238,12 +238,12 @@ class _Bookkeeping:
         from ..registration.verdict import verdict_of
 
         organ, model = self.organ, self.model
-        pulled = fit.uncorrected if len(fit.boundary_points) else None
+        uncorrected = fit.uncorrected if len(fit.boundary_points) else None
         showSurface(
             model,
             fit.surface,
             name=organ.label,
-            uncorrected=pulled,
+            uncorrected=uncorrected,
             standardDeviation=fit.confidence.standard_deviation,
         )
         self._colorAgain()
@@ -271,7 +271,7 @@ class _Bookkeeping:
             organ.verdict, organ.verdictReasons = verdict.word, "\n".join(map(sentence, verdict.reasons))
 
     def _chosen(self, fit):
-        """Say in a line what the fit has chosen; no line if everything was given."""
+        """One line with the options that the fit has chosen; no line if all were given."""
         words = {"net": _("net {value}"), "tau": _("edge {value}"), "smoothness": _("smoothness {value}")}
         automatic = self.organ.chosenByFit()
         listed = [choice for choice in fit.choices if choice.option in automatic]
@@ -279,8 +279,8 @@ class _Bookkeeping:
         return [_("Chosen: {choices}").format(choices=", ".join(chosen))] if chosen else []
 
     def _colorAgain(self):
-        """Colour the model as before the fit, if its points have such numbers; they lose them while it moves."""
-        if hasNumbers(self.model, self.colored):
+        """Colour the model by the same scalars as before the fit, if it has them; while it moves it has none."""
+        if hasScalars(self.model, self.colored):
             colorBy(self.model, self.colored)
 
 

@@ -1,4 +1,4 @@
-"""What is chosen for a generic model: which one, the organs of the table that its organs are, and landmarks on bone."""
+"""Choices for fitting a generic model: the model, which organs of the table are its organs, and landmarks on bone."""
 
 # Without postponed annotations: Slicer reads those of the parameters.
 import functools
@@ -14,7 +14,7 @@ from slicer.parameterNodeWrapper import parameterNodeWrapper
 from .points import createPoints, placedIndices
 from .volumes import localPoints, putUnderVolume
 
-# Attribute of an organ's parameter node: the organ of the model that it is, or null, as JSON.
+# Attribute of an organ's parameter node: name of the model's organ that it is paired with, or null, as JSON.
 _MODEL_ORGAN = "VIC.modelOrgan"
 _LANDMARK_COLOR = (0.35, 0.85, 1.0)
 
@@ -29,7 +29,7 @@ class GenericModelParameters:
 
 
 def modelNamed(name):
-    """Model that ships, or one in a file; drawn or read once.
+    """Model of the library, or one in a file.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ def modelNamed(name):
 
 @functools.lru_cache(maxsize=1)
 def _foundModel(name, changed):
-    """Model that is drawn or read once, until its file is changed."""
+    """Build or read a model, once until its file is changed."""
     from ..multipatch.library import find_model
 
     return find_model(name)
 
 
 def pairedOrgans(model, organs):
-    """Organs of the table that the organs of a model are.
+    """Pair the organs of a model with organs of the table.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def pairedOrgans(model, organs):
     Returns
     -------
     dict of str to OrganParameters
-        By the names in the model; those that are to be predicted are missing. Where nothing was chosen, organs with
-        the same name belong together, in capital or small letters.
+        By their names in the model; without those that are to be predicted. Where nothing was chosen, organs of the
+        same name are paired, in capital or small letters.
     """
     found = {}
     for organ in organs:
@@ -90,14 +90,14 @@ def pairedOrgans(model, organs):
 
 
 def pairOrgan(name, organ, organs, model):
-    """Choose the organ of the table that an organ of the model is.
+    """Pair an organ of the model with an organ of the table.
 
     Parameters
     ----------
     name : str
         Of the model's organ.
     organ : OrganParameters or None
-        None: it is to be predicted.
+        None if it is to be predicted.
     organs : iterable of OrganParameters
         All of the table.
     model : VICRegistrationLib.multipatch.model.MultiPatchModel
@@ -120,7 +120,7 @@ def createLandmarks(model, volumeNode):
     Returns
     -------
     vtkMRMLMarkupsFiducialNode
-        Its points have the names of the landmarks, and no places yet. Points cannot be added to it or removed.
+        Its points are labelled with the names of the landmarks and are not placed yet. Their number is fixed.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def createLandmarks(model, volumeNode):
         index = node.AddControlPoint(0.0, 0.0, 0.0)
         node.SetNthControlPointLabel(index, name)
         node.UnsetNthControlPointPosition(index)
-    # Clicks place the points that have no places yet, and no others.
+    # Clicks then place these points and add no others.
     node.SetFixedNumberOfControlPoints(True)
     return node
 
@@ -160,12 +160,12 @@ def nextLandmark(markupsNode):
 
 
 def skipLandmark(markupsNode):
-    """Leave out the landmark that the next click would place: the next one is placed instead.
+    """Skip the landmark that the next click would place.
 
     Parameters
     ----------
     markupsNode : vtkMRMLMarkupsFiducialNode
-        One whose landmarks are all placed or skipped is left as it is.
+        Nothing is done if all landmarks are placed or skipped.
     """
     index = nextLandmark(markupsNode)
     if index is not None:
@@ -173,7 +173,7 @@ def skipLandmark(markupsNode):
 
 
 def landmarksText(markupsNode):
-    """Say how many landmarks of a list are placed or skipped, and which one the next click places.
+    """Text with the number of landmarks placed and skipped, and the name of the next one.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def placedLandmarks(markupsNode, volumeNode):
 
 
 def _chosenFor(organ, model):
-    """Organ of a model that an organ of the table is, or None."""
+    """Name of the model's organ that an organ of the table is paired with, or None."""
     text = organ.parameterNode.GetAttribute(_MODEL_ORGAN)
     if text is not None:
         chosen = json.loads(text)

@@ -1,4 +1,4 @@
-"""A fitted generic model of the scene as files for CAD and simulation."""
+"""Exporting a fitted generic model of the scene for CAD and simulation."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def exportModel(volumeNode, folder):
     -------
     paths : list of Path
         ``model.json`` and a JSON file for every organ that the image shows (RAS mm), ``model.step`` and ``model.vtp``
-        (LPS mm): where the model lies in the world.
+        (LPS mm), in world coordinates.
     problem : str
-        A sentence that says why there is no STEP file; empty if there is one.
+        Why there is no STEP file; empty if there is one.
 
     Raises
     ------
     ValueError
-        If there is no fitted model, or it cannot be moved to where it lies.
+        If there is no fitted model, or its transform cannot be applied to it exactly.
     OSError
         If a file cannot be written.
     """
@@ -42,7 +42,7 @@ def exportModel(volumeNode, folder):
     with replacing_folder(folder, outdated=outdated) as drafts:
         names, problem = write_model_files(model, drafts)
         if problem:
-            # That of an earlier model would be taken for this one's.
+            # A STEP file of an earlier model would be taken for this one's.
             outdated.append(MODEL_STEP)
         for name, parent in organs.items():
             write_surface(parent, drafts / f"{name}.json", name=name)
@@ -51,19 +51,19 @@ def exportModel(volumeNode, folder):
 
 
 def modelMeshArguments(volumeNode, workFolder, folder, suffix, *, sizeMm):
-    """Words of the command ``vic-registration mesh`` that meshes the fitted model of a volume.
+    """Arguments of ``vic-registration mesh`` for meshing the fitted model of a volume.
 
     Parameters
     ----------
     volumeNode : vtkMRMLScalarVolumeNode
     workFolder : path
-        Gets the model; has to be there until the process has ended.
+        For the model; must exist until the process has ended.
     folder : path
-        Gets the mesh.
+        For the mesh.
     suffix : str
         One of `MESH_FORMATS` in meshing/formats.py.
     sizeMm : float
-        Edge of an element.
+        Edge length of an element.
 
     Returns
     -------

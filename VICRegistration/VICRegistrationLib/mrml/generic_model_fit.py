@@ -32,7 +32,7 @@ def fitModel(parameters, volumeNode, model="pelvis", landmarks=None, *, onStep=N
     landmarks : vtkMRMLMarkupsFiducialNode, optional
         Places on bone, labelled as in the model.
     onStep : callable, optional
-        Called with what was done, str, after every step.
+        Called with a description, str, at every step.
 
     Returns
     -------
@@ -58,14 +58,14 @@ def modelSteps(parameters, organs, volumeNode):
     ----------
     parameters : GenericModelParameters
     organs : iterable of OrganParameters
-        All of the table; those that the model has are fitted, with their own options, to the further stacks too that
-        are chosen in the panel.
+        All organs of the table. Those that are paired with organs of the model are fitted with their own options,
+        and to the further stacks that are chosen in the panel.
     volumeNode : vtkMRMLScalarVolumeNode
 
     Yields
     ------
     str
-        What is done now, for the panel. Closing the generator leaves an earlier result as it was.
+        What is being done, for the panel. Closing the generator leaves an earlier result as it was.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def modelSteps(parameters, organs, volumeNode):
     Raises
     ------
     ValueError
-        If an organ cannot be separated, the model cannot be fitted, or something that is needed was deleted meanwhile.
+        If an organ cannot be separated, the model cannot be fitted, or a node that is needed was deleted meanwhile.
     """
     from ..multipatch.fit import check_organs, fit_model
     from ..multipatch.landmarks import check_names
@@ -99,22 +99,22 @@ def modelSteps(parameters, organs, volumeNode):
     fit = yield from checkedSteps(steps, lambda: checkInScene(needed), _shown)
     warnings += yield from _examined(image, fit, pairs, needed)
     for organ in pairs.values():
-        # The fill would lie over the parts.
+        # The filled region would cover the parts in the slice views.
         setRegionVisible(organ, False)
     showModel(volumeNode, fit.model, "\n".join([*_summary(fit, pairs), *dict.fromkeys(warnings)]))
     return fit
 
 
 def _examined(image, fit, pairs, needed):
-    """Find out what is to be said about a fit, one after the other: all at once would stop the panel for seconds."""
+    """Compute the diagnostics of a fit one after the other; all at once would block the panel for seconds."""
     from ..registration.diagnostics import fit_diagnostics
 
-    # The fit keeps what is found.
+    # The fit caches these values.
     examinations = {
         _("Distances from the regions"): lambda: fit.deviations,
         _("Determinant of the map"): lambda: fit.smallest_determinant,
         _("Sliding of attachments"): lambda: fit.sliding,
-        _("What passes through what"): lambda: fit.diagnostics,
+        _("Intersections of parts"): lambda: fit.diagnostics,
     }
     for words, examine in examinations.items():
         yield words
@@ -131,14 +131,14 @@ def _examined(image, fit, pairs, needed):
 
 
 def _shown(step):
-    """Step of the library's fit in words."""
+    """Text for a step of the library's fit."""
     return _("{stage}, iteration {iteration}, cost {cost}").format(
         stage=step.stage, iteration=step.iteration, cost=f"{step.cost:.3g}"
     )
 
 
 def _neededFor(pairs, volumeNode, stackNodes):
-    """Nodes that a fit cannot do without, with their names."""
+    """Nodes that a fit needs, what each is called, and what to do if it was deleted."""
     nodes = [(volumeNode, _("volume {name}").format(name=volumeNode.GetName()))]
     nodes += [(organ.parameterNode, _("organ {name}").format(name=organ.label)) for organ in pairs.values()]
     nodes += [(node, _("stack {name}").format(name=node.GetName())) for node in stackNodes]
@@ -146,9 +146,9 @@ def _neededFor(pairs, volumeNode, stackNodes):
 
 
 def _notUsed(pairs, leftOut):
-    """Say which points and stacks the fit of a model does not use."""
+    """Warnings about boundary points and stacks that the fit of a model does not use."""
     found = [
-        _("{organ}: its points on the wall are not used by the fit of a model.").format(organ=organ.label)
+        _("{organ}: the fit of a model does not use its boundary points.").format(organ=organ.label)
         for organ in pairs.values()
         if len(placedPoints(organ.boundaryPoints))
     ]
@@ -156,7 +156,7 @@ def _notUsed(pairs, leftOut):
 
 
 def _optionsOf(organ):
-    """Options of an organ, but for the shape of its surface, which is the model's."""
+    """Options of an organ, except those of its generic shape: that is the model's."""
     from ..registration.options import FitOptions
 
     return replace(organ.options(), net=None, closure=FitOptions.closure, model=FitOptions.model)
@@ -186,7 +186,7 @@ def _summary(fit, pairs):
 
 
 def _motion(name, stack):
-    """How far an organ is moved in a further stack, in words."""
+    """Text for the motion of an organ in a further stack."""
     return _("{organ} {shift} mm, {turn} degrees in {stack}").format(
         organ=name,
         shift=f"{(stack.translation_mm @ stack.translation_mm) ** 0.5:.1f}",

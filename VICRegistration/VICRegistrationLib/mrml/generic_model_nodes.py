@@ -1,7 +1,7 @@
-"""A fitted generic model in the scene: a folder with a text that holds it exactly, and a model node for every part.
+"""A fitted generic model in the scene: a folder with a text node that holds it exactly, and a model node for each part.
 
-The text is the file of the model in the local frame of its volume. The parts are triangles of it, under the volume's
-parent transform. Where a transform was hardened on the parts they say where the model is.
+The text is the JSON file of the model in the local frame of its volume. The model nodes are triangles of the parts,
+under the volume's parent transform. If a transform was hardened on them, they tell where the model lies.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _TYPE = "generic model"
 _MESSAGE, _PART = "VIC.message", "VIC.part"
 # Numbers of the triangles' patches, from 1.
 _PATCH = "patch_number"
-# As in the pictures of models.
+# Opacity of estimated parts, as in the pictures of models.
 _TRANSLUCENT = 0.35
 
 
 def showModel(volumeNode, model, message):
-    """Show a fitted model in place of an earlier one of the same volume.
+    """Show a fitted model of a volume; it replaces an earlier one.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def showModel(volumeNode, model, message):
     model : VICRegistrationLib.multipatch.model.MultiPatchModel
         Local RAS mm of the volume.
     message : str
-        What to know about it.
+        Summary and warnings of its fit.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def showModel(volumeNode, model, message):
 
 
 def findModel(volumeNode):
-    """Text that holds the fitted model of a volume, if there is one.
+    """Text node that holds the fitted model of a volume, if there is one.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def findModel(volumeNode):
 
 
 def messageOf(volumeNode):
-    """Return what to know about the fitted model of a volume.
+    """Summary and warnings of the fitted model of a volume.
 
     Parameters
     ----------
@@ -131,14 +131,14 @@ def colorByPatch(volumeNode, byPatch):
             if byPatch and table is not None:
                 display.SetActiveScalar(_PATCH, vtk.vtkAssignAttribute.CELL_DATA)
                 display.SetAndObserveColorNodeID(table.GetID())
-                # That of the colour table would be missed at every look where somebody deletes the table.
+                # The range of the colour table would be lost if somebody deletes the table.
                 display.SetScalarRangeFlag(slicer.vtkMRMLDisplayNode.UseManualScalarRange)
                 display.SetScalarRange(0, table.GetNumberOfColors() - 1)
             display.SetScalarVisibility(byPatch and table is not None)
 
 
 def isColoredByPatch(volumeNode):
-    """Whether a part of the fitted model of a volume shows its patches.
+    """Whether a part of the fitted model of a volume is coloured by patch.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def followVolumeWithModel(volumeNode):
 
 
 def modelOfVolume(volumeNode):
-    """Fitted model of a volume, exactly.
+    """Exact fitted model of a volume, in world coordinates.
 
     Parameters
     ----------
@@ -176,12 +176,12 @@ def modelOfVolume(volumeNode):
     Returns
     -------
     VICRegistrationLib.multipatch.model.MultiPatchModel
-        Where it lies in the world, RAS mm; as it was fitted where nothing has moved it.
+        World RAS mm; bit for bit as it was fitted if no transform has moved it.
 
     Raises
     ------
     ValueError
-        If there is none, or it was changed, or lies under a transform that bends or mirrors it.
+        If there is none, or it was changed, or lies under a nonlinear or mirroring transform.
     """
     from ..multipatch.file import model_of_text
 
@@ -194,7 +194,7 @@ def modelOfVolume(volumeNode):
         return model
     if np.linalg.det(matrix[:3, :3]) < 0.0:
         raise ValueError(
-            _("The model is under a transform that mirrors it, which its patches cannot follow. Remove the transform.")
+            _("The model is under a mirroring transform, which its patches cannot follow. Remove the transform.")
         )
     moved = {name: parent.transformed(matrix) for name, parent in model.parents.items()}
     return model.carried(moved, lambda points: points @ matrix[:3, :3].T + matrix[:3, 3])
@@ -205,7 +205,7 @@ def _matrixToWorld(volumeNode):
     if matrix is None:
         raise ValueError(
             _(
-                "The model is under a transform that bends it, which B-spline surfaces cannot follow exactly. Take the "
+                "The model is under a nonlinear transform, which B-spline surfaces cannot follow exactly. Take the "
                 "volume out of the transform, or harden the transform on the volume and fit the model again."
             )
         )
@@ -226,7 +226,7 @@ def _hardened(model, parts):
             return matrix
     raise ValueError(
         _(
-            "The triangles of the model's parts have been changed, by hardening a transform that bends or by another "
+            "The triangles of the model's parts have been changed, by hardening a nonlinear transform or by another "
             "module; those of its patches are needed. Fit the model again."
         )
     )
@@ -239,7 +239,7 @@ def _points(data):
 
 
 def _nameOf(part):
-    """Name of a part's node, which says where it does not come from the image."""
+    """Name of a part's node, which says whether the part is predicted or estimated."""
     words = "{part}"
     if part.estimated:
         words = _("{part} (predicted)") if part.kind == "organ" else _("{part} (estimated)")
@@ -247,7 +247,7 @@ def _nameOf(part):
 
 
 def _createText(volumeNode):
-    """Text in a folder of its own beside the volume."""
+    """Make the text node, in a folder of its own beside the volume."""
     name = _("{volume} (generic model)").format(volume=volumeNode.GetName())
     node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLTextNode", name)
     node.SetAttribute(TYPE_ATTRIBUTE, _TYPE)
@@ -265,20 +265,20 @@ def _createPart(volumeNode, name):
 
 
 def _putBeside(textNode, node):
-    """Put the node of a part into the folder of the text."""
+    """Put the node of a part into the folder of the text node."""
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folder = hierarchy.GetItemParent(hierarchy.GetItemByDataNode(textNode))
     hierarchy.SetItemParent(hierarchy.GetItemByDataNode(node), folder)
 
 
 def _belonging(className, volumeNode):
-    """Nodes of a class that refer to a volume as theirs."""
+    """Nodes of a class that refer to a volume."""
     nodes = slicer.util.getNodesByClass(className) if volumeNode is not None else []
     return [node for node in nodes if node.GetNodeReference(VOLUME) is volumeNode]
 
 
 def _withNormals(data):
-    """Triangles that are drawn as smooth, with the same points."""
+    """Triangles with normals for smooth shading, and the same points."""
     normals = vtk.vtkPolyDataNormals()
     normals.SetInputData(data)
     normals.SplittingOff()
@@ -293,7 +293,7 @@ def _patchColors(volumeNode):
 
 
 def _showPatchColors(volumeNode, model):
-    """Put the colours and names of a model's patches into the table of its volume; made where there is none."""
+    """Put the colours and names of a model's patches into the colour table of its volume; make it if needed."""
     from ..multipatch.colours import patch_colours
 
     table, colors = _patchColors(volumeNode), patch_colours(model)
@@ -303,7 +303,7 @@ def _showPatchColors(volumeNode, model):
         table.SetTypeToUser()
         table.SetNodeReferenceID(VOLUME, volumeNode.GetID())
     table.SetNumberOfColors(len(model.patches) + 1)
-    # Opaque: one translucent colour would make everything translucent.
+    # Opaque: one translucent colour in the table makes all surfaces translucent.
     table.SetColor(0, _("no patch"), 0.0, 0.0, 0.0, 1.0)
     for number, patch in enumerate(model.patches, start=1):
         table.SetColor(number, patch.name, *colors[patch.name], 1.0)

@@ -1,4 +1,4 @@
-"""The nodes of an organ: made when they are needed, in the volume's folder and under its transform."""
+"""The nodes of an organ: created when they are needed, in the volume's folder and under its transform."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def paint(organ):
 
 
 def isVisible(organ):
-    """Whether the surface, or before there is one the region, is shown.
+    """Whether the surface is shown, or the region if there is no surface yet.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def setVisible(organ, visible):
         if node is not None and node.GetDisplayNode() is not None:
             node.GetDisplayNode().SetVisibility(visible)
     updateLegends()
-    # Beside a surface the region is in the way; it is shown where it is asked for.
+    # A region would hide the contour of its surface; the user can show it by its own button.
     setRegionVisible(organ, visible and organ.surface is None)
 
 
@@ -84,7 +84,7 @@ def setRegionVisible(organ, visible):
 
 
 def volumeOf(organ):
-    """Volume that an organ's surface lies in; without a surface, the one that it was separated in last.
+    """Volume that an organ's surface was fitted in; without a surface, the one that it was separated in last.
 
     Parameters
     ----------
@@ -152,13 +152,13 @@ def segmentOf(organ, volumeNode):
     """
     regions = regionsOf(volumeNode)
     if organ.regions is not regions:
-        # The organ was separated in another volume before.
+        # The organ was separated in another volume earlier.
         removeSegment(organ)
     segmentId = organ.regionSegmentId
     if organ.regions is not regions or not segmentId:
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", organ.label)
         segmentId = regions.GetSegmentation().GenerateUniqueSegmentID(f"VIC_{plain}")
-    # The segment first: those who follow the organ look for what it refers to.
+    # The segment first: observers of the organ look for the nodes and segments that it refers to.
     addSegment(regions, segmentId, organ.label, organ.color)
     with slicer.util.NodeModify(organ.parameterNode):
         organ.regions, organ.regionSegmentId = regions, segmentId
@@ -209,7 +209,7 @@ def convergenceOf(organ, volumeNode):
     Returns
     -------
     vtkMRMLTableNode
-        That of the plot.
+        The table that the plot shows.
     """
     name = _("{organ} convergence").format(organ=organ.label)
     series = seriesOf(organ)
@@ -227,7 +227,7 @@ def convergenceOf(organ, volumeNode):
 
 
 def followVolume(organ, volumeNode):
-    """Put what an organ has in a volume under the transform that the volume is under now, or that was hardened on it.
+    """Put an organ's nodes under the present transform of their volume, or harden on them what was hardened on it.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def followVolume(organ, volumeNode):
 
 
 def nodesOf(organ):
-    """Nodes that go with an organ: the segmentation, which all organs of a volume share, is none of them.
+    """Nodes that are removed with an organ; the segmentation, which all organs of a volume share, is not among them.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def nodesOf(organ):
 
 
 def removeNodes(nodes):
-    """Remove nodes with what shows and stores them, and the folders of organs that are empty then.
+    """Remove nodes with their display and storage nodes, and the folders of organs that are then empty.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def removeNodes(nodes):
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     folders = {hierarchy.GetItemParent(hierarchy.GetItemByDataNode(node)) for node in nodes}
     for node in nodes:
-        # Before their owner: Slicer looks for the owner's scene when a display node goes.
+        # These first: Slicer looks for the owner's scene when a display node is removed.
         for one in [*_attached(node), node]:
             if one.GetScene() is not None:
                 slicer.mrmlScene.RemoveNode(one)
@@ -274,7 +274,7 @@ def removeNodes(nodes):
 
 
 def removeSegment(organ):
-    """Remove the segment of an organ, and the segmentation when it was the last one.
+    """Remove the segment of an organ, and the segmentation with its last segment.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ def _attached(node):
 
 
 def _placed(node, organ, volumeNode):
-    """Put a node where its volume is: under its transform, and in the folder beside it."""
+    """Put a node under its volume's transform, and into the folder beside the volume."""
     putUnderVolume(node, volumeNode)
     putInFolder(node, organ, volumeNode)
     return node
@@ -311,14 +311,13 @@ def putInFolder(node, organ, volumeNode):
     Parameters
     ----------
     node : vtkMRMLNode
-        It stays where a user has put it.
+        It stays in a folder that a user has put it into.
     organ : OrganParameters
     volumeNode : vtkMRMLScalarVolumeNode
     """
     hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
     item = hierarchy.GetItemByDataNode(node)
     if not item or _isFolder(hierarchy, hierarchy.GetItemParent(item)):
-        # Where it belongs, or moved there by the user.
         return
     hierarchy.SetItemParent(item, _folderOf(hierarchy, organ, volumeNode))
 

@@ -12,7 +12,7 @@ from .organ_nodes import nodesOf, paint, removeNodes, removeSegment
 from .parameters import OrganParameters, forgetUnknownChoices
 from .regions import TYPE_ATTRIBUTE
 
-# The usual organs; others take the next colour that is free.
+# Names and colours that the panel offers; other organs take the next free colour.
 PRESETS = {name: rgb(color) for name, color in ORGAN_COLOURS.items()}
 _OTHER_COLORS = tuple(map(rgb, OTHER_COLOURS))
 _ORGAN = "organ"
@@ -27,7 +27,7 @@ class Organs:
 
     Notes
     -----
-    Every organ is one hidden vtkMRMLScriptedModuleNode; nodes that others removed from the scene are passed over.
+    Every organ is one hidden vtkMRMLScriptedModuleNode; nodes that were removed from the scene are skipped.
     """
 
     def __init__(self, parameters):
@@ -52,7 +52,7 @@ class Organs:
         return [node for node in self.parameters.organs if node is not None and node.GetScene() is not None]
 
     def of(self, node):
-        """Organ of a parameter node, the same object every time.
+        """Organ of a parameter node; always the same object.
 
         Parameters
         ----------
@@ -69,7 +69,7 @@ class Organs:
         return kept
 
     def current(self):
-        """Organ that is worked on, or None.
+        """Organ that is selected in the table, or None.
 
         Returns
         -------
@@ -84,8 +84,8 @@ class Organs:
         Parameters
         ----------
         name : str
-            A number is appended if there is such an organ; "&" becomes "+". The colour is that of the preset of this
-            name, or one that is not used yet.
+            A number is appended if an organ has this name already; "&" becomes "+". The colour is the usual one of
+            an organ of this name, or one that is not used yet.
 
         Returns
         -------
@@ -108,7 +108,7 @@ class Organs:
 
     @contextlib.contextmanager
     def adding(self, name):
-        """Add an organ for good only if what is done with it does not fail.
+        """Add an organ, and remove it again if the work on it fails.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class Organs:
         Yields
         ------
         OrganParameters
-            Removed again, with all that was made for it, if an exception leaves the context.
+            Removed with all its nodes if an exception leaves the context.
         """
         volume, current = self.parameters.volume, self.parameters.current
         organ = self.add(name)
@@ -129,7 +129,7 @@ class Organs:
             raise
 
     def remove(self, organ):
-        """Remove an organ with everything that it owns; another one becomes the current one.
+        """Remove an organ with its nodes and its segment; another one becomes the current one.
 
         Parameters
         ----------
@@ -146,17 +146,17 @@ class Organs:
         removeNodes(nodesOf(organ))
         removeSegment(organ)
         slicer.mrmlScene.RemoveNode(node)
-        # Another organ may need the legend that has gone with this one.
+        # The legend may have been this organ's, and other organs may need one.
         updateLegends()
 
     def rename(self, organ, name):
-        """Rename an organ and its nodes, but for those that were given names of their own.
+        """Rename an organ and those of its nodes that a user has not renamed.
 
         Parameters
         ----------
         organ : OrganParameters
         name : str
-            Blank names and those of other organs are not taken: the organ then keeps its name.
+            Nothing is done if it is blank or another organ's.
         """
         name, old = storable(name.strip()), organ.label
         if not name or name == old or name in self._names():
@@ -168,7 +168,7 @@ class Organs:
         paint(organ)
 
     def adopt(self):
-        """Bring the list in order after a scene was loaded: drop what is gone, take in organs that no list holds."""
+        """Update the list after a scene was loaded: drop removed organs, and add those that are not listed."""
         self._wrappers.clear()
         nodes = self.nodes()
         for node in slicer.util.getNodesByClass("vtkMRMLScriptedModuleNode"):
@@ -198,7 +198,7 @@ class Organs:
 
 
 def storable(name):
-    """Name that Slicer can save: a scene with "&" in the name of a model is no XML, and cannot be loaded again.
+    """Name that Slicer can save: with "&" in the name of a model, a saved scene is no valid XML and cannot be loaded.
 
     Parameters
     ----------
@@ -207,6 +207,6 @@ def storable(name):
     Returns
     -------
     str
-        With "+" in the place of "&".
+        With "+" for "&".
     """
     return name.replace("&", "+")

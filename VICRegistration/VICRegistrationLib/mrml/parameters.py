@@ -1,6 +1,6 @@
-"""What the module remembers in the scene: one parameter node for the module, one for every organ."""
+"""What the module stores in the scene: one parameter node for the module, and one for every organ."""
 
-# Without postponed annotations: Slicer reads these, and does not know `X | None`.
+# No `from __future__ import annotations`: Slicer evaluates these, and does not know `X | None`.
 import enum
 import math
 from typing import Annotated, Optional
@@ -21,7 +21,7 @@ from ..registration import options as table
 from ..registration.options import OPTIONS, FitOptions
 from .sentences import translated
 
-# A weight of the bending energy is stored as its power of ten; from this one down it is none.
+# A weight of the bending energy is stored as its power of ten; this one or less stands for zero.
 _NO_SMOOTHNESS = math.log10(OPTIONS["smoothness"].limits[0]) - 1.0
 # Names of parameters that are not those of their options. Scenes hold them, so they stay.
 _STORED = {
@@ -34,13 +34,13 @@ _STORED = {
     "max_iterations": "maxIterations",
     "boundary_weight": "boundaryWeight",
 }
-# What the separation and the fit choose where `...Automatic` says so.
+# Options that the separation and the fit choose where `...Automatic` is True.
 _SEPARATION, _CHOSEN = ("threshold", "erosion", "dilation"), ("net", "tau", "smoothness")
 _AUTOMATIC = (*_SEPARATION, *_CHOSEN)
 
 
 class _Within(WithinRange):
-    """Range of an option's parameter; what is outside is refused by the option's sentence."""
+    """Range of an option's parameter; a value outside is refused with the option's own message."""
 
     def __init__(self, option, low, high, wording="{}"):
         super().__init__(low, high)
@@ -59,7 +59,7 @@ def _ranged(name):
 
 
 class _Choice(enum.Enum):
-    """A choice whose value is the library's word for it."""
+    """A choice whose value is the word for it in the library."""
 
     def label(self):
         """Text in the panel's combo box."""
@@ -67,7 +67,7 @@ class _Choice(enum.Enum):
 
 
 class _OptionChoice(enum.Enum):
-    """One of the words of the option that is named like the class; scenes hold the name in capital letters."""
+    """A choice of the option that the class is named after; scenes store its name in capital letters."""
 
     def label(self):
         """Text in the panel's combo box."""
@@ -109,7 +109,7 @@ class OrganState(_Choice):
     FAILED = "failed"
 
 
-# Texts are made when they are shown: Slicer chooses its language after this file is read.
+# Functions, because Slicer chooses its language after this file is read.
 _LABELS = {
     RegionSource.THRESHOLDS: lambda: _("Seeds and grey levels"),
     RegionSource.SEGMENT: lambda: _("Segment of a segmentation"),
@@ -125,10 +125,10 @@ _LABELS = {
 
 @parameterNodeWrapper
 class OrganParameters:
-    """One organ: how it is to be separated and fitted, the nodes that belong to it, and what came out.
+    """One organ: how it is separated and fitted, the nodes that belong to it, and the result.
 
-    Lengths are in mm. A value with an `...Automatic` beside it counts only where that is False. Where it is True, the
-    value shows what was used: a threshold is replaced by the suggestion at every change, the others by every fit.
+    Lengths are in mm. A value with an `...Automatic` beside it is used only if that is False. If it is True, the value
+    shows what was chosen: the threshold follows every change of the seeds, the other values every fit.
     """
 
     label: str = ""
@@ -177,7 +177,7 @@ class OrganParameters:
     verdict: str = ""
     verdictReasons: str = ""
     volumeMl: float = 0.0
-    # Further stacks of the last fit, what became of each (mrml/stacks.py), and the contours that are shown in them.
+    # Further stacks of the last fit, the result for each (mrml/stacks.py), and the contours that are shown in them.
     stackVolumes: list[vtkMRMLScalarVolumeNode]
     stackRecords: list[str]
     stackContours: list[vtkMRMLModelNode]
@@ -188,7 +188,7 @@ class OrganParameters:
     referenceModel: Optional[vtkMRMLModelNode]
 
     def options(self):
-        """Choices for the library's fit.
+        """Options for the library's fit.
 
         Returns
         -------
@@ -197,12 +197,12 @@ class OrganParameters:
         Raises
         ------
         ValueError
-            If they do not go together.
+            If they contradict each other.
         """
         return FitOptions(**{name: self._optionValue(name) for name in OPTIONS})
 
     def setFitOptions(self, options):
-        """Take over how a surface is fitted; how the organ is separated stays.
+        """Store the options of a fit; those of the separation stay.
 
         Parameters
         ----------
@@ -211,12 +211,12 @@ class OrganParameters:
         Raises
         ------
         ValueError
-            If one of them is out of its range, as what a fit has found may be; nothing is changed then.
+            If one of them is out of its range, as values that a fit has chosen may be; nothing is changed then.
         """
         self._take({name: getattr(options, name) for name in OPTIONS if name not in _SEPARATION})
 
     def _optionValue(self, name):
-        """Value of an option as the library takes it; None where it is left to the library."""
+        """Value of an option as the library takes it; None if it is left to the library."""
         if name in _AUTOMATIC and getattr(self, f"{name}Automatic"):
             return None
         if name == "net":
@@ -234,7 +234,7 @@ class OrganParameters:
         return value.value if isinstance(value, enum.Enum) else value
 
     def _take(self, values):
-        """Take over values of options by their names, all or none; None leaves an option to the library."""
+        """Store values of options by their names, all or none; None leaves an option to the library."""
         checked = {name: OPTIONS[name].checked(value) for name, value in values.items()}
         stored = _stored(checked)
         stored.update({f"{name}Automatic": checked[name] is None for name in checked if name in _AUTOMATIC})
@@ -242,14 +242,14 @@ class OrganParameters:
             setattr(self, parameter, value)
 
     def showChosen(self, options, net):
-        """Show what a fit has chosen, in the place of the values that it left alone.
+        """Store what a fit has chosen as the values of the automatic options.
 
         Parameters
         ----------
         options : VICRegistrationLib.registration.options.FitOptions
             As used.
         net : (rows, columns)
-            That was fitted, before boundary points made it finer.
+            The net that was fitted, before boundary points refined it.
         """
         found = {"net": net, "tau": options.tau, "smoothness": options.smoothness}
         shown = {name: OPTIONS[name].nearest(found[name]) for name in self.chosenByFit()}
@@ -257,7 +257,7 @@ class OrganParameters:
             setattr(self, parameter, value)
 
     def chosenByFit(self):
-        """Names of the options that a fit chooses by what the image shows.
+        """Names of the options that a fit chooses by the image.
 
         Returns
         -------
@@ -266,12 +266,12 @@ class OrganParameters:
         return [option for option in _CHOSEN if getattr(self, f"{option}Automatic")]
 
     def setSeparation(self, **values):
-        """Give what the organ is separated by, or leave it to the separation.
+        """Store how the organ is separated.
 
         Parameters
         ----------
         **values
-            Options of the library by the names "threshold", "erosion" and "dilation"; None is automatic.
+            The options "threshold", "erosion" and "dilation"; None is automatic.
 
         Raises
         ------
@@ -281,7 +281,7 @@ class OrganParameters:
         self._take(values)
 
     def reference(self):
-        """Return what the surface is to be compared with.
+        """Return the reference that the surface is compared with.
 
         Returns
         -------
@@ -294,7 +294,7 @@ class OrganParameters:
         return self.referenceSegmentation, self.referenceSegmentId
 
     def setReference(self, node, segmentId=""):
-        """Remember what the surface is compared with.
+        """Store the reference that the surface is compared with.
 
         Parameters
         ----------
@@ -318,7 +318,7 @@ class OrganParameters:
 
 
 def forgetUnknownChoices(parameterNode):
-    """Let an organ of another version have the defaults in place of choices that this one does not know.
+    """Replace choices that another version has stored, and this one does not know, by the defaults.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def forgetUnknownChoices(parameterNode):
 
 @parameterNodeWrapper
 class ModuleParameters:
-    """The module: the volume with the further stacks that are chosen, and its organs, in the order of the table."""
+    """The module: the chosen volume and further stacks, and the organs in the order of the table."""
 
     volume: Optional[vtkMRMLScalarVolumeNode]
     furtherStacks: list[vtkMRMLScalarVolumeNode]
@@ -340,7 +340,7 @@ class ModuleParameters:
 
 
 def _stored(values):
-    """Parameters that stand for values of options by their names; those that are None have none."""
+    """Parameters for values of options by their names; none for values that are None."""
     stored = {}
     for name, value in values.items():
         parameter = _STORED.get(name, name)

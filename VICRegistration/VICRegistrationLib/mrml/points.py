@@ -23,7 +23,7 @@ def createPoints(name, color):
     vtkMRMLMarkupsFiducialNode
     """
     node = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLMarkupsFiducialNode", name)
-    # Without the list's name, which an organ's name may make a format that crashes: "bladder, 50 % full".
+    # Slicer's default contains the list's name, and "%" in an organ's name makes a format that crashes.
     node.SetControlPointLabelFormat("%d")
     node.CreateDefaultDisplayNodes()
     display = node.GetDisplayNode()
@@ -45,12 +45,12 @@ def paintPoints(node, color):
     display = node.GetDisplayNode()
     if display is not None:
         display.SetColor(*color)
-        # Points are selected when they are placed.
+        # New points are selected, and shown in this colour.
         display.SetSelectedColor(*color)
 
 
 def placingEvents():
-    """Events after which a list holds other points: not those of every movement of the mouse.
+    """Events after which the placed points of a list have changed; movements of the mouse are not among them.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def placingEvents():
     return (
         node.PointPositionDefinedEvent,
         node.PointPositionUndefinedEvent,
-        # A point of a given number that is skipped.
+        # A landmark that is skipped.
         node.PointPositionMissingEvent,
         node.PointRemovedEvent,
         node.PointEndInteractionEvent,
@@ -153,7 +153,7 @@ def placedPoints(markupsNode):
 
 
 def placedIn(markupsNode):
-    """Volumes that the slice views showed in which the points of a list were placed.
+    """Volumes that the slice views showed when the points of a list were placed in them.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def placedIn(markupsNode):
     Returns
     -------
     list of vtkMRMLNode or None
-        One for every point that was placed; None where Slicer does not know, as of a point placed in 3D or by a script.
+        One for every point that was placed; None for one placed in 3D or by a script.
     """
     ids = [markupsNode.GetNthControlPointAssociatedNodeID(index) for index in placedIndices(markupsNode)]
     return [slicer.mrmlScene.GetNodeByID(nodeId) if nodeId else None for nodeId in ids]

@@ -1,4 +1,4 @@
-"""What a surface is compared with: a segment or another model, brought to where the surface lies."""
+"""References that a surface is compared with: segments and other models, brought into its local frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 from .surfaces import surfaceIfAny
 from .volumes import linearRelation, transformedPoints
 
-# Of the triangles that stand for an exact surface under a transform that bends it, mm.
+# Chord error, mm, of the triangles that stand for an exact surface under a nonlinear transform.
 _CHORD_ERROR_MM = 0.02
 
 
@@ -29,8 +29,8 @@ def referenceFor(modelNode, reference, segmentId=""):
     Returns
     -------
     BSplineSurface or ReferenceMesh
-        Local RAS mm of the model. A model that carries a B-spline surface is taken by that, not by its triangles,
-        unless a transform bends it. A segment is taken by its voxels, on its own grid and without smoothing.
+        Local RAS mm of the model. A model that stores a B-spline surface is taken by that, not by its triangles,
+        except under a nonlinear transform. A segment is taken by its voxels, on its own grid and without smoothing.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def referenceFor(modelNode, reference, segmentId=""):
         raise ValueError(_("No reference is chosen. Choose one to compare with: a segment or a model."))
     if reference is modelNode:
         raise ValueError(
-            _("The model {name} is the surface of the organ itself; choose another one to compare it with.").format(
+            _("The model {name} is the surface of the organ itself. Choose another one to compare it with.").format(
                 name=reference.GetName()
             )
         )
@@ -70,7 +70,7 @@ def referenceName(reference, segmentId=""):
     Returns
     -------
     str
-        "segmentation: segment", or that of the model.
+        "segmentation: segment", or the name of the model.
     """
     if not reference.IsA("vtkMRMLSegmentationNode"):
         return reference.GetName()
@@ -78,7 +78,7 @@ def referenceName(reference, segmentId=""):
 
 
 def segmentIdOf(reference, segment=None):
-    """ID of a segment that is named by its ID, its name, or by being the only one.
+    """ID of a segment that is given by its ID or its name, or of the only segment.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def segmentIdOf(reference, segment=None):
     Returns
     -------
     str
-        Empty for what is no segmentation, or has no such segment.
+        Empty if the reference is no segmentation or has no such segment.
     """
     if reference is None or not reference.IsA("vtkMRMLSegmentationNode"):
         return ""
@@ -101,7 +101,7 @@ def segmentIdOf(reference, segment=None):
 
 
 def _meshOfSegment(node, segmentId):
-    """Triangles around a segment's voxels, or those of the surface that it was imported as; local RAS mm."""
+    """Triangles around a segment's voxels, or of the surface that it was imported from; local RAS mm."""
     segment = node.GetSegmentation().GetSegment(segmentId) if segmentId else None
     if segment is None:
         raise ValueError(
@@ -124,7 +124,7 @@ def _meshOfSegment(node, segmentId):
 
 
 def _meshOfVoxels(node, segmentId):
-    """Triangles half-way between the voxels of a segment and those around it, or None if it has none."""
+    """Triangles half-way between the voxels of a segment and their neighbours; None for an empty segment."""
     from ..analysis.reference_meshes import mesh_of_mask
     from ..imaging.image import Image, beginning_at
 
@@ -144,7 +144,7 @@ def _meshOfVoxels(node, segmentId):
 
 
 def _meshOfModel(node):
-    """Triangles of a model, of tetrahedra the outer ones; local RAS mm."""
+    """Triangles of a model, or the outer ones of its tetrahedra; local RAS mm."""
     data = node.GetMesh()
     if data is not None and not data.IsA("vtkPolyData"):
         outer = vtk.vtkGeometryFilter()
@@ -154,7 +154,7 @@ def _meshOfModel(node):
     found = _triangles(data) if data is not None else None
     if found is None:
         raise ValueError(
-            _("The model {name} has no triangles; a closed surface is needed to compare with. Choose another.").format(
+            _("The model {name} has no triangles; a closed surface is needed. Choose another model.").format(
                 name=node.GetName()
             )
         )
@@ -162,7 +162,7 @@ def _meshOfModel(node):
 
 
 def _triangles(data):
-    """Triangles of polygons, or None where there are none."""
+    """Triangles of polygons, or None if there are none."""
     from ..analysis.reference_meshes import ReferenceMesh
     from ..export.surface_data import triangles_in
 
@@ -171,7 +171,7 @@ def _triangles(data):
 
 
 def _moved(reference, source, target):
-    """Take a reference from below one transform node to below another; which way its normals point is not kept."""
+    """Move a reference from one transform node to another; the direction of its normals is not kept."""
     from ..analysis.reference_meshes import ReferenceMesh
     from ..geometry.surface import BSplineSurface
     from ..geometry.triangulation import triangulate

@@ -1,4 +1,4 @@
-"""Separated regions as segments: shown while the thresholds are dragged, and taken from what others segmented."""
+"""Separated regions as segments, and segments as regions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def regionsOf(volumeNode):
     )
     node.SetAttribute(TYPE_ATTRIBUTE, _REGIONS)
     node.CreateDefaultDisplayNodes()
-    # The reference geometry is that of the volume as seen from the segmentation: first under the same transform.
+    # The transform first: Slicer takes the reference geometry relative to the segmentation.
     putUnderVolume(node, volumeNode)
     node.SetReferenceImageGeometryParameterFromVolumeNode(volumeNode)
     display = node.GetDisplayNode()
@@ -65,7 +65,7 @@ def findRegions(volumeNode):
 
 
 def addSegment(segmentationNode, segmentId, name, color):
-    """Add an empty segment, or give the one there its name and colour.
+    """Add an empty segment, or give an existing one its name and colour.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def showRegion(segmentationNode, segmentId, region):
         return
     depth, height, width = region.mask.shape
     labelmap = slicer.vtkOrientedImageData()
-    # Counted from the volume's first voxel: segments then lie on the volume's own grid.
+    # The extent counts from the volume's first voxel, so that the segment lies on the volume's own grid.
     k, j, i = region.offset
     labelmap.SetExtent(i, i + width - 1, j, j + height - 1, k, k + depth - 1)
     toVolume = region.ijk_to_ras.copy()
@@ -114,7 +114,7 @@ def showRegion(segmentationNode, segmentId, region):
 
 
 def regionVolumeMl(region, volumeNode):
-    """Volume of a region where its volume node lies in the world.
+    """Volume of a region in world coordinates, where the transform of its volume node may change it.
 
     Parameters
     ----------
@@ -124,13 +124,13 @@ def regionVolumeMl(region, volumeNode):
     Returns
     -------
     float
-        Millilitres: exact under linear transforms, that of some of the voxels under others.
+        Millilitres; exact under linear transforms, by a sample of the voxels under others.
     """
     if volumeNode.GetParentTransformNode() is None:
         return float(region.volume_ml)
     voxels = np.argwhere(region.mask)[:, ::-1]
     voxels = voxels[:: max(len(voxels) // _SAMPLED_VOXELS, 1)]
-    # Edges of every voxel where they are in the world.
+    # Edges of every voxel in world coordinates.
     corners = np.concatenate([voxels, *(voxels + edge for edge in np.eye(3))])
     first, *others = np.split(worldPoints(volumeNode, region.image.to_ras(corners)), 4)
     edges = np.stack(others, axis=1) - first[:, None]
@@ -145,9 +145,9 @@ def regionFromSegment(segmentationNode, segmentId, volumeNode, image):
     segmentationNode : vtkMRMLSegmentationNode or None
     segmentId : str
     volumeNode : vtkMRMLScalarVolumeNode
-        On whose grid the region is wanted; transforms of both are respected.
+        Its grid is that of the region; the transforms of both nodes are respected.
     image : VICRegistrationLib.imaging.image.Image
-        That volume's.
+        Image of that volume.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def regionFromSegment(segmentationNode, segmentId, volumeNode, image):
 def _voxelsOf(segmentationNode, segmentId, volumeNode):
     """Voxels of a segment on a volume's grid, (nk, nj, ni).
 
-    As slicer.util.arrayFromSegmentBinaryLabelmap, which leaves a display node in the scene and shows its labelmap.
+    Like slicer.util.arrayFromSegmentBinaryLabelmap, which leaves a display node in the scene and shows the labelmap.
     """
     labelmap = slicer.mrmlScene.CreateNodeByClass("vtkMRMLLabelMapVolumeNode")
     labelmap.UnRegister(None)

@@ -1,4 +1,4 @@
-"""The synthetic pelvic MRI as volumes of the scene, for trying things on: one stack, and a further one."""
+"""The synthetic pelvic MRI as volumes of the scene: one stack, and a further one."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from .. import messages
 
 
 def sentence(diagnostic):
-    """Put a diagnostic of the library into a sentence.
+    """Put a diagnostic into a sentence in the language of Slicer.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def translated(text, module):
     ----------
     text : str
     module : module
-        Slicer collects the texts of a file under its name: `tr` would look among those of the file that calls it.
+        Where the text is marked: Slicer stores translations by file, and `tr` would look in those of its caller.
 
     Returns
     -------

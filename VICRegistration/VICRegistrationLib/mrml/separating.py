@@ -1,4 +1,4 @@
-"""Separating an organ of the scene from its seeds, or taking the segment that was drawn of it."""
+"""Separating an organ of the scene, by its seeds or by a segment that was drawn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .volumes import imageFromVolume
 
 
 def canBeSeparated(organ):
-    """Whether an organ has what its separation starts from.
+    """Whether an organ has seeds, or a segment if that is its source.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def separateOrgan(organ, volumeNode):
     -------
     region : VICRegistrationLib.imaging.region.Region
     warnings : list of str
-        What looks wrong with it.
+        What may be wrong with the region.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def separateOrgan(organ, volumeNode):
 
 
 def imageAndRegion(organ, volumeNode):
-    """Separate an organ, show its region and remember what was found by itself; the image and the region."""
+    """Separate an organ, show its region, and store the options that were chosen; return the image and the region."""
     try:
         image = imageFromVolume(volumeNode)
         region = _regionOf(organ, volumeNode, image)
@@ -65,7 +65,7 @@ def imageAndRegion(organ, volumeNode):
         if hasSegment(organ):
             showRegion(organ.regions, organ.regionSegmentId, None)
         raise
-    # One event for everything: who follows the organ looks at all of it every time.
+    # One event for all changes: the panel looks at the whole organ at every event.
     with slicer.util.NodeModify(organ.parameterNode):
         segmentationNode, segmentId = segmentOf(organ, volumeNode)
         showRegion(segmentationNode, segmentId, region)
@@ -101,7 +101,7 @@ def _setThreshold(organ, threshold):
 
 
 def _seedWarnings(organ, volumeNode, image, region):
-    """Warn of seeds outside of a region that was not separated from them."""
+    """Warn of seeds outside of a region that was taken from a segment."""
     import numpy as np
 
     if organ.source is not RegionSource.SEGMENT:
@@ -114,4 +114,4 @@ def _seedWarnings(organ, volumeNode, image, region):
     held = [bool(region.mask[tuple(voxel)]) for voxel in voxels[within]]
     if all(held) and all(within):
         return []
-    return [_("The segment does not hold every seed; check that it is the right one.")]
+    return [_("Not all seeds lie in the segment. Check that it is the right one.")]

@@ -1,8 +1,8 @@
 """Contours of a surface in the slices of further stacks, at the position of each.
 
-A surface is where the first volume shows the organ. Each stack that it was fitted to has a model of its own: the same
-triangles, moved to where that stack shows the organ, under the stack's transform. That is seen in the slice views that
-show the stack, and the surface in all others.
+A surface lies where the first volume shows the organ. Each stack that it was fitted to has a model of its own: the same
+triangles, moved to where that stack shows the organ, under the stack's transform. Slice views of the stack show this
+model, and all others the surface.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .volumes import VOLUME, putUnderVolume, viewsByVolume, withSameGrid
 _CONTOUR = "stack contour"
 # References of a contour.
 _STACK, _SURFACE = "VIC.stack", "VIC.surface"
-# Attribute of the display of a surface whose views are chosen here.
+# Attribute of the display node of a surface whose views are restricted here.
 _CHOSEN = "VIC.views"
 
 
@@ -105,7 +105,7 @@ def _create(organ, stackNode):
 
 
 def _moved(surfaceData, matrix):
-    """Triangles moved by a matrix (4, 4), with nothing of what belongs to the surface itself."""
+    """Triangles moved by a matrix (4, 4), without the arrays of the surface."""
     from ..export.surface_data import triangles_in
     from ..geometry.polydata import polydata
 
@@ -139,7 +139,7 @@ def _allViews():
 
 
 def _setViews(display, views):
-    """Restrict a display to views; none are all."""
+    """Restrict a display node to views; without views it is shown in all."""
     if sorted(display.GetViewNodeIDs()) == sorted(views):
         return
     with slicer.util.NodeModify(display):

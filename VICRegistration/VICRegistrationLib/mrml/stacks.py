@@ -1,7 +1,7 @@
 """Further stacks of a patient: other volumes of the scene that an organ is fitted to as well.
 
-The motion between two stacks belongs to the organ and the stack, and is kept with the organ. It is kept from voxels to
-voxels: so it stays right whatever transform a volume is put under later, or bears itself.
+The motion between two stacks is that of one organ, and is stored with the organ. It is stored from voxels to voxels,
+so that it stays right if a volume is put under a transform later, or a transform is hardened on it.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from .points import markedPoints, placedIn, placedPoints
 from .sentences import sentence
 from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints, withSameGrid
 
-# Reference of the transform nodes that are made here to their volume.
+# Node reference from a transform node that was made here to its volume.
 _MOVED = "VIC.moved"
-# A motion counts as rigid if its columns are orthonormal within this; what is stored is so within 1e-12.
+# A motion counts as rigid if its columns are orthonormal within this; stored motions are so within 1e-12.
 _RIGID = 1e-4
-# A stack whose voxels lie this close to where they belong, mm, is aligned: less than is seen of it.
+# A stack counts as aligned if no corner would move by more than this, mm; so little cannot be seen.
 _ALIGNED_MM = 0.01
 
 
 @dataclass(frozen=True)
 class StackRecord:
-    """What became of a further stack in an organ's last fit.
+    """How a further stack was used in an organ's last fit.
 
     Parameters
     ----------
     used : bool
     reason : str
-        Why it was not used; else empty.
+        Why it was not used; empty if it was.
     shift : float
-        How far the organ's centre is displaced from where the scene shows it, mm.
+        Displacement of the organ's centre from where the scene shows it, mm.
     turn : float
-        Angle that it is rotated by, degrees.
+        Rotation of the organ, degrees.
     shiftDeviation, turnDeviation : float
-        Standard deviations of both; 0 where they are not known.
+        Standard deviations of both; 0 if they are not known.
     seen : float
         Share of the surface's area that lies in the stack, 0 to 1.
     cost : float
         Mean squared residual in this stack, in units of its squared contrast.
     motion : list of 16 float
-        From voxels (i, j, k) of the organ's volume to those of the stack that show the same place, row by row; empty if
-        it was not looked for.
+        Matrix from voxels (i, j, k) of the organ's volume to those of the stack that show the same place, row by row;
+        empty if no motion was found.
     """
 
     used: bool
@@ -67,7 +67,7 @@ class StackRecord:
 
 
 def similarVolumes(volumeNode):
-    """Other volumes of the scene that show the same place: their bounds overlap with those of a volume.
+    """Other volumes of the scene whose bounds overlap with those of a volume.
 
     Parameters
     ----------
@@ -92,21 +92,21 @@ def similarVolumes(volumeNode):
 
 
 def stacksToFit(volumeNode, stackNodes, records=None):
-    """Take volumes as further stacks of a fit, in the local frame of the first volume.
+    """Prepare volumes as further stacks of a fit, in the local frame of the organ's volume.
 
     Parameters
     ----------
     volumeNode : vtkMRMLScalarVolumeNode
-        Whose organ is fitted.
+        The organ's volume.
     stackNodes : sequence of vtkMRMLScalarVolumeNode
     records : dict of vtkMRMLScalarVolumeNode to StackRecord, optional
-        Of an earlier fit: the motions that it found are where the search begins.
+        Of an earlier fit, whose motions the search begins with.
 
     Returns
     -------
     stacks : dict of vtkMRMLScalarVolumeNode to VICRegistrationLib.registration.stacks.Stack
     leftOut : dict of vtkMRMLScalarVolumeNode to StackRecord
-        Those that cannot be taken, with the reason.
+        Those that cannot be used, with the reason.
     """
     from ..imaging.image import Image
     from ..registration.stacks import Stack
@@ -124,14 +124,14 @@ def stacksToFit(volumeNode, stackNodes, records=None):
 
 
 def keepStacks(organ, volumeNode, stackNodes, uses, leftOut):
-    """Keep with an organ what became of its further stacks.
+    """Store with an organ how its further stacks were used.
 
     Parameters
     ----------
     organ : OrganParameters
     volumeNode : vtkMRMLScalarVolumeNode
     stackNodes : sequence of vtkMRMLScalarVolumeNode
-        Those that were fitted to, in the order of `uses`.
+        Those that were given to the fit, in the order of `uses`.
     uses : sequence of VICRegistrationLib.registration.stacks.StackUse
     leftOut : dict of vtkMRMLScalarVolumeNode to StackRecord
     """
@@ -140,7 +140,7 @@ def keepStacks(organ, volumeNode, stackNodes, uses, leftOut):
 
 
 def leftOutSentences(leftOut):
-    """Say which stacks were not given to a fit, and why.
+    """Sentences that say which stacks were not given to a fit, and why.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def leftOutSentences(leftOut):
 
 
 def stacksOf(organ):
-    """Return what became of the further stacks in an organ's last fit.
+    """Return how the further stacks were used in an organ's last fit.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def stacksOf(organ):
     Returns
     -------
     dict of vtkMRMLScalarVolumeNode to StackRecord
-        Of those volumes that are still in the scene.
+        Only of volumes that are still in the scene.
     """
     found = {}
     for node, text in zip(organ.stackVolumes, organ.stackRecords):
@@ -176,7 +176,7 @@ def stacksOf(organ):
 
 
 def forgetRemovedStacks(organ):
-    """Keep nothing of further stacks that were removed from the scene.
+    """Delete the records of further stacks that were removed from the scene.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def forgetRemovedStacks(organ):
 
 
 def toStack(record, volumeNode, stackNode):
-    """Where a stack shows places of the organ's volume.
+    """Matrix from places in the organ's volume to where a stack shows them.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def toStack(record, volumeNode, stackNode):
 
 
 def wallPoints(organ, volumeNode):
-    """Boundary points of an organ where its volume shows the wall.
+    """Boundary points of an organ in its volume.
 
     Parameters
     ----------
@@ -214,8 +214,8 @@ def wallPoints(organ, volumeNode):
     Returns
     -------
     (n, 3) ndarray
-        Local RAS mm. A point that was placed in a slice view of a further stack lies on the wall in that stack: it is
-        brought back by the motion that the last fit has found.
+        Local RAS mm. A point that was placed in a slice view of a further stack lies on the wall in that stack; the
+        motion that the last fit found brings it to the wall in the volume.
     """
     points, records = markedPoints(organ.boundaryPoints, volumeNode), stacksOf(organ)
     placed = zip(placedIn(organ.boundaryPoints), placedPoints(organ.boundaryPoints))
@@ -229,7 +229,7 @@ def wallPoints(organ, volumeNode):
 
 
 def canBeAligned(record, volumeNode, stackNode):
-    """Whether the scene shows a stack elsewhere than the organ's volume, by a motion that a linear transform can undo.
+    """Whether a linear transform of a stack would bring the organ in it onto the organ in its volume.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def canBeAligned(record, volumeNode, stackNode):
     Returns
     -------
     bool
-        False where the stack was not used.
+        False if the stack was not used, or is aligned already.
     """
     relation = linearRelation(volumeNode.GetParentTransformNode(), stackNode.GetParentTransformNode())
     if not record.used or relation is None:
@@ -250,7 +250,7 @@ def canBeAligned(record, volumeNode, stackNode):
 
 
 def alignStack(record, volumeNode, stackNode):
-    """Make the motion of a stack a transform node, and put the stack under it: the organ is then in one place.
+    """Put a stack under a transform node that undoes its motion: both volumes then show the organ in one place.
 
     Parameters
     ----------
@@ -261,19 +261,19 @@ def alignStack(record, volumeNode, stackNode):
     Returns
     -------
     vtkMRMLLinearTransformNode
-        Below the transform that the stack was under. One that was made here before is changed.
+        Below the transform that the stack was under. A node that was made here earlier is reused.
 
     Raises
     ------
     ValueError
-        If a transform that bends lies between the two volumes.
+        If the transform between the two volumes is nonlinear.
     """
     made = stackNode.GetParentTransformNode()
     reused = made is not None and made.GetNodeReference(_MOVED) is stackNode
     above = made.GetParentTransformNode() if reused else made
     relation = linearRelation(volumeNode.GetParentTransformNode(), above)
     if relation is None:
-        raise ValueError(_bent(volumeNode, stackNode))
+        raise ValueError(_nonlinear(volumeNode, stackNode))
     matrix = relation @ np.linalg.inv(toStack(record, volumeNode, stackNode))
     if not reused:
         name = slicer.mrmlScene.GenerateUniqueName(_("{volume} motion").format(volume=stackNode.GetName()))
@@ -289,24 +289,24 @@ def _gridBeside(volumeNode, stackNode):
     """Matrix from voxels of a stack to the local RAS mm of another volume, as the scene shows both."""
     relation = linearRelation(volumeNode.GetParentTransformNode(), stackNode.GetParentTransformNode())
     if relation is None:
-        raise ValueError(_bent(volumeNode, stackNode))
+        raise ValueError(_nonlinear(volumeNode, stackNode))
     return np.linalg.inv(relation) @ gridOf(stackNode)
 
 
-def _bent(volumeNode, stackNode):
-    return _("A transform that bends lies between {stack} and {volume}. Harden it on the volume, or remove it.").format(
+def _nonlinear(volumeNode, stackNode):
+    return _("The transform between {stack} and {volume} is nonlinear. Harden it on the volume, or remove it.").format(
         stack=stackNode.GetName(), volume=volumeNode.GetName()
     )
 
 
 def _startOf(record, volumeNode, grid):
-    """Motion (4, 4) that an earlier fit has found, as the scene shows both volumes now; none where it is not rigid."""
+    """Motion (4, 4) of an earlier fit, for the present places of both volumes; the identity if it is not rigid."""
     if record is None or record.matrix is None or not record.used:
         return np.eye(4)
     moved = grid @ record.matrix @ np.linalg.inv(gridOf(volumeNode))
     rotation = moved[:3, :3]
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > _RIGID or np.linalg.det(rotation) < 0.0:
-        # Somebody has stretched one of them since.
+        # One of the volumes was stretched since.
         return np.eye(4)
     start = np.eye(4)
     start[:3] = moved[:3]
@@ -330,7 +330,7 @@ def _recordOf(use, volumeNode):
 
 
 def _recordIn(text):
-    """Record of a scene, of which another version may have written more."""
+    """Record that a scene holds; fields of other versions are left out."""
     known = {field.name for field in fields(StackRecord)}
     return StackRecord(**{name: value for name, value in json.loads(text).items() if name in known})
 

@@ -1,7 +1,7 @@
-"""Surfaces as model nodes: triangles to look at, the control net in the polydata's field data.
+"""Surfaces as model nodes: triangles that are shown, and the control net in the field data of the polydata.
 
-Hardened transforms and filters move the triangles and leave field data as it is. So a net counts as far as the
-triangles lie on its surface, or on an affine image of it, which then is the surface.
+Hardened transforms and filters move the triangles and leave the field data as it is. So a stored net is valid only if
+the triangles lie on its surface, or on an affine image of it; that image then is the surface.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import slicer
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import vtk_to_numpy
 
-from .colors import STANDARD_DEVIATION, addNumbers, exchangePolyData
+from .colors import STANDARD_DEVIATION, addScalars, exchangePolyData
 from .volumes import linearRelation, worldPoints
 
 # Triangles stay this close to the surface, mm.
 _CHORD_ERROR_MM = 0.1
 _SLICE_THICKNESS_PX = 2
 _UNCORRECTED = "uncorrected_"
-# Triangles farther than this from a surface are not its own, mm: those of a file in single precision are.
+# Triangles this close to a surface, mm, are its own; single precision in a file moves them by less.
 _OWN_MM = 1e-2
 _CHECKED_POINTS = 64
-# While a surface moves its triangles keep their places on it: as many as suit every organ.
+# Grid of a surface that moves during a fit: its triangles keep their parameters; fine enough for every organ.
 _MOVING_RESOLUTION = (64, 40)
 
 
 def createModel(name, color):
-    """Make an empty model node that is seen in 3D and as a contour in the slices.
+    """Make an empty model node that is shown in 3D and as a contour in slice views.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def createModel(name, color):
 
 
 def showSurface(modelNode, surface, *, name, uncorrected=None, standardDeviation=None):
-    """Let a model show a surface, and carry it.
+    """Show a surface in a model, and store its control net there.
 
     Parameters
     ----------
@@ -58,10 +58,10 @@ def showSurface(modelNode, surface, *, name, uncorrected=None, standardDeviation
     name : str
         Name of the organ, stored beside the surface.
     uncorrected : VICRegistrationLib.geometry.surface.BSplineSurface, optional
-        What it was before boundary points pulled it; carried as well.
+        The surface before boundary points corrected it; stored as well.
     standardDeviation : callable, optional
-        Takes surface parameters, (n, 2), to the standard deviation of the surface along its normal there, (n,) mm; the
-        points of the model carry it, to be coloured by.
+        Returns the standard deviation of the surface along its normal, (n,) mm, at surface parameters, (n, 2); stored
+        as point scalars, so that the model can be coloured by it.
     """
     from ..export.surface_data import add_surface, polydata_of_mesh
     from ..geometry.triangulation import triangulate
@@ -72,12 +72,12 @@ def showSurface(modelNode, surface, *, name, uncorrected=None, standardDeviation
     if uncorrected is not None:
         add_surface(data, uncorrected, name=name, role=_UNCORRECTED)
     if standardDeviation is not None:
-        addNumbers(data, STANDARD_DEVIATION, standardDeviation(mesh.parameters))
+        addScalars(data, STANDARD_DEVIATION, standardDeviation(mesh.parameters))
     exchangePolyData(modelNode, data)
 
 
 def moveSurface(modelNode, surface):
-    """Let a model follow a surface that is being fitted: fast, and without the control net.
+    """Show a surface that is being fitted: fast, and without storing its control net.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def moveSurface(modelNode, surface):
 
 
 def _isMoving(data, count):
-    """Whether triangles are those of an earlier step; those of a finished fit must stay, for when this is cancelled."""
+    """Whether triangles are those of an earlier step; those of a finished fit stay for when this one is cancelled."""
     return (
         data is not None
         and data.GetNumberOfPoints() == count
@@ -111,7 +111,7 @@ def _isMoving(data, count):
 
 
 def surfaceIfAny(modelNode):
-    """Surface that a model carries and shows, if there is one.
+    """Surface that a model stores and shows, if there is one.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def surfaceIfAny(modelNode):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface or None
-        As of :func:`surfaceFromModel`; None as well where another module has changed the triangles.
+        As of :func:`surfaceFromModel`; also None if another module has changed the triangles.
     """
     try:
         return surfaceFromModel(modelNode)
@@ -153,7 +153,7 @@ def surfaceOf(organ, *, corrected=True):
 
 
 def surfaceFromModel(modelNode, *, corrected=True):
-    """Surface that a model carries.
+    """Surface that a model stores.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def surfaceFromModel(modelNode, *, corrected=True):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface
-        Local RAS mm of the node, bit for bit as it was fitted; moved along where a linear transform was hardened.
+        Local RAS mm of the node, bit for bit as it was fitted; moved if a linear transform was hardened.
 
     Raises
     ------
     ValueError
-        If the model carries none, or its triangles are no longer those of its surface.
+        If the model stores none, or its triangles are no longer those of its surface.
     """
     from ..export.surface_data import surface_in
 
@@ -184,7 +184,7 @@ def surfaceFromModel(modelNode, *, corrected=True):
     if matrix is None:
         raise ValueError(
             _(
-                "The triangles of the model {name} have been changed, by hardening a transform that bends or by "
+                "The triangles of the model {name} have been changed, by hardening a nonlinear transform or by "
                 "another module; those of its B-spline surface are needed. Fit the organ again."
             ).format(name=name)
         )
@@ -194,7 +194,7 @@ def surfaceFromModel(modelNode, *, corrected=True):
 
 
 def _matrixTo(data, surface):
-    """Affine map, (4, 4), from a surface to where its triangles are now; None if they are no image of it."""
+    """Affine map, (4, 4), from a surface to its present triangles; None if they are no affine image of it."""
     from ..geometry.projection import closest_points
     from ..geometry.triangulation import triangulate
 
@@ -205,13 +205,13 @@ def _matrixTo(data, surface):
     matrix = affineMap(places, points) if len(places) == len(points) else None
     if matrix is not None:
         return matrix
-    # Other triangles of the same surface, as of a file; slower to find out.
+    # Perhaps another triangulation of the same surface, such as one from a file; slower to check.
     some = points[:: max(len(points) // _CHECKED_POINTS, 1)]
     return np.eye(4) if np.abs(closest_points(surface, some).distances).max() <= _OWN_MM else None
 
 
 def movedSurface(surface, matrix):
-    """Surface moved by an affine map, with its normals outward even where the map mirrors it.
+    """Surface moved by an affine map, with its normals outward even if the map mirrors it.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def movedSurface(surface, matrix):
     Returns
     -------
     VICRegistrationLib.geometry.surface.BSplineSurface
-        The same one for the identity.
+        The same object for the identity.
     """
     if np.array_equal(matrix, np.eye(4)):
         return surface
@@ -240,8 +240,8 @@ def affineMap(before, now):
     Returns
     -------
     (4, 4) ndarray or None
-        The identity where no point is farther away than those of a file in single precision are. None if no affine map
-        takes the points as close to where they are now.
+        The identity if no point has moved by more than the rounding of a file in single precision. None if no affine
+        map takes the points that close to where they are now.
     """
     if np.abs(before - now).max() <= _OWN_MM:
         return np.eye(4)
@@ -251,18 +251,18 @@ def affineMap(before, now):
 
 
 def worldVolumeMl(modelNode, surface):
-    """Volume that a surface encloses where its model lies in the world.
+    """Volume that a surface encloses in world coordinates.
 
     Parameters
     ----------
     modelNode : vtkMRMLModelNode
     surface : VICRegistrationLib.geometry.surface.BSplineSurface
-        The one the model carries.
+        The one that the model stores.
 
     Returns
     -------
     float
-        Millilitres: exact under linear transforms, that of the triangles under others.
+        Millilitres; exact under linear transforms, the volume inside the triangles under others.
     """
     from ..export.surface_data import triangles_in
     from ..geometry.triangles import enclosed_volume

@@ -1,8 +1,8 @@
-"""Volume nodes as images of the library, and places in the world as places in them.
+"""Volume nodes as images of the library, and world coordinates as their local coordinates.
 
 A volume's grey levels are taken in its local RAS mm, before its parent transform, whatever kind of transform that is.
-Points in the world are brought there; regions and surfaces are put under the same transform. An organ is then fitted
-on the grid as it was acquired, and shown where the transform takes it.
+Points in the world are brought there, and regions and surfaces are put under the same transform. So an organ is
+fitted on the grid that was acquired, and shown where the transform takes it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import vtk
 from slicer.i18n import tr as _
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-# Reference of what is put under a volume to the volume, and its attribute with the volume's grid at that time.
+# A node that was put under a volume's transform has a reference to the volume, and an attribute with the volume's grid
+# at that time.
 VOLUME, _GRID = "VIC.volume", "VIC.grid"
 _GREY_VOLUME = "vtkMRMLScalarVolumeNode"
 
@@ -33,19 +34,19 @@ def imageFromVolume(volumeNode):
     Raises
     ------
     ValueError
-        If there is no volume, or it holds no grey levels that could be fitted.
+        If there is no volume, or it holds no grey levels.
     """
     from ..imaging.image import Image
 
     if volumeNode is not None and not isinstance(volumeNode, slicer.vtkMRMLVolumeNode):
         name = volumeNode.GetName() if hasattr(volumeNode, "GetName") else repr(volumeNode)
         raise ValueError(
-            _("The input {found} is no volume; a volume node of the scene is needed. Choose the input volume.").format(
+            _("The input {found} is no volume; a volume node of the scene is needed. Choose the MRI volume.").format(
                 found=name
             )
         )
     if volumeNode is None or volumeNode.GetScene() is None:
-        raise ValueError(_("No volume is chosen. Choose the MRI."))
+        raise ValueError(_("No volume is chosen. Choose the MRI volume."))
     data = volumeNode.GetImageData()
     if data is None or data.GetPointData().GetScalars() is None:
         raise ValueError(
@@ -68,7 +69,7 @@ def imageFromVolume(volumeNode):
 
 
 def isGreyVolume(node):
-    """Whether a node is a volume with grey levels: no label map, nor another of the kinds derived from it.
+    """Whether a node is a scalar volume, and not of a derived class such as a label map.
 
     Parameters
     ----------
@@ -82,12 +83,12 @@ def isGreyVolume(node):
 
 
 def greyVolumes():
-    """List the volumes of the scene that organs may be looked for in.
+    """List the volumes of the scene that may be an MRI.
 
     Returns
     -------
     list of vtkMRMLScalarVolumeNode
-        Without label maps, and without those that Slicer's selectors do not show.
+        Without label maps and hidden volumes.
     """
     nodes = slicer.util.getNodesByClass(_GREY_VOLUME)
     return [node for node in nodes if isGreyVolume(node) and not node.GetHideFromEditors()]
@@ -185,8 +186,8 @@ def putUnderVolume(node, volumeNode):
 
     Notes
     -----
-    Where the transform was hardened on the volume, which then stays in its place in the world, so does the node. So do
-    points that were placed in another volume.
+    If the transform was hardened on the volume, it is hardened on the node. Points that were placed in another volume
+    stay where they are in the world.
     """
     parent, before = volumeNode.GetParentTransformNode(), node.GetParentTransformNode()
     remembered, own = node.GetAttribute(_GRID), node.GetNodeReference(VOLUME)
@@ -211,7 +212,7 @@ def _wasHardened(volumeNode, before, remembered):
         return False
     old, new = np.array(remembered.split(), dtype=float).reshape(4, 4), gridOf(volumeNode)
     matrix = linearRelation(before, None)
-    # Where the transform bends, the voxels were sampled anew, on another grid.
+    # A nonlinear transform resamples the voxels on another grid when it is hardened.
     moved = matrix is None or np.allclose(new, matrix @ old, atol=1e-3)
     return moved and not np.allclose(new, old)
 
@@ -243,7 +244,7 @@ def linearRelation(source, target):
     Returns
     -------
     (4, 4) ndarray or None
-        None where a transform that bends lies between them.
+        None if the transform between them is nonlinear.
     """
     if source is target:
         return np.eye(4)
