@@ -10,7 +10,7 @@ from small_phantom import CENTER
 from stack_phantom import GRID, MOTION, dented, motion_about, stack_of
 
 from VICRegistrationLib.geometry.models import closed_organ
-from VICRegistrationLib.registration.alignment import SAMPLES, Alignment, judged, surroundings
+from VICRegistrationLib.registration.alignment import SAMPLES, Alignment, measured, surroundings
 from VICRegistrationLib.registration.joint_stacks import trust_of
 from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.relative_motions import relative_motions
@@ -30,7 +30,7 @@ def sagittal(truth):
 def seen(image, surface, motion):
     """What an image shows of a surface that is moved."""
     sampler = surroundings(image, surface.transformed(motion))
-    return judged(sampler, surface, motion, volumes=PartialVolumes(sampler.image))
+    return measured(sampler, surface, motion, volumes=PartialVolumes(sampler.image))
 
 
 def aligned(images, surface, motions, *, turns=3):

@@ -1,8 +1,8 @@
-"""Where a further stack of a patient shows an organ: the rigid motion between two stacks, found with a surface.
+"""The rigid motion of an organ between two stacks of a patient, found with a surface.
 
-A surface that lies at the organ's edge in one stack is compared with another one, as in a fit, but it may only turn and
-be displaced. From far to near: first over a wide ramp, then over one as wide as the edge. Where that finds no edge, the
-surroundings are searched for the place where the grey levels on both sides of the surface differ most.
+A surface that lies at the organ's edge in one stack is registered with another stack by a rigid motion, from coarse to
+fine: first with a wide ramp, then with a ramp as wide as the edge. If that finds no edge, translations are searched for
+the largest difference between the grey levels on both sides of the surface.
 """
 
 from __future__ import annotations
@@ -29,50 +29,53 @@ from .stack_view import View
 from .stages import Stage, iterate_stage
 from .virtual_image import IntensityProfile, VirtualImage
 
-# How far patients are thought to move, and what is searched, mm.
+# Largest plausible motion of a patient; translations up to the first one are searched, mm.
 LARGEST_SHIFT_MM, LARGEST_TURN_DEGREES = 15.0, 15.0
 # Ramps of the stages, in widths of the edge.
 _WIDENINGS = (4.0, 2.0, 1.0)
+# Number of normal lines in u and v.
 SAMPLES = (24, 16)
-# Weight against any motion at all: it decides what the images do not determine, such as a turn about the axis of a
-# round organ. With five times as much a motion of 13 mm and 11 degrees is not found whole, with none cut organs turn
-# about their own axis.
+# Weight of the motion's mean squared displacement. It determines what the images do not, such as the rotation about the
+# axis of a round organ. With five times of it a motion of 13 mm and 11 degrees is found only in part, with none cut
+# organs turn about their own axis.
 HOLD = 2e-5
-# Partial volumes of a surface within so many pixels are taken: half of it and twice as much find the same motions.
+# Partial volumes are computed again when the surface has moved by more than so many pixels: half and twice of it find
+# the same motions.
 _NEAR_PIXELS = 0.5
-# Largest displacement of a control point at which a motion has come to rest, mm for a ramp as wide as the edge, and as
-# many times as much for one so many times as wide.
+# Tolerance: largest displacement of a control point in an iteration, mm, for a ramp as wide as the edge. It is
+# multiplied by the widening of the ramp.
 _TOLERANCE = 0.03
-# How far from where a volume ends a surface that closes there is not the organ's, mm: half of it and one and a half.
+# A normal line is known, see `known_lines`, from 1.5 times this distance from the volume's border, mm, and not at all
+# below 0.5 times.
 _BORDER_MM = 6.0
-# Distance between the places that are searched, mm, and how many of the best are tried. Without the search motions of
-# 10 mm and 9 degrees are found, and those of 13 mm and 11 degrees are not.
+# Distance between the translations that are searched, mm, and the number of the best ones from which the registration
+# is started. Without the search motions of 10 mm and 9 degrees are found, and those of 13 mm and 11 degrees are not.
 _SEARCH_STEP_MM = 3.0
 _TRIED = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How a surface lies in a further stack.
+    """A surface compared with a stack after a rigid motion, on n normal lines.
 
     Parameters
     ----------
     motion : (4, 4) ndarray
-        Rigid, mm: takes points of the surface to where the stack shows them.
+        Rigid, mm: takes points of the surface to their places in the stack.
     view : View or None
-        The stack, moved to the surface; None where it shows no difference between both sides of the surface.
+        The stack, moved back to the surface; None if it shows no contrast along the surface.
     seen, common : float
-        Share of the surface's area that lies in the stack, and of that which is also known.
+        Shares of the surface's area: in the stack, and in the stack and known, see :func:`known_lines`.
     edge : float
-        How much of the step between both sides is seen on average along that part of the surface, 0 to 1.
+        Mean over the common part of the step that a line shows, as a share of the step between the levels, 0 to 1.
     cost : float
         Mean squared residual there, in units of the squared contrast.
     offsets : (n,) ndarray
-        How far the stack's edge is from the surface on each of its normal lines, to first order, mm.
+        Signed distance of the stack's edge from the surface on each line, to first order, mm.
     weights : (n,) ndarray
-        How much of an edge each of them shows, times its area: 0 outside of the stack and without an edge.
+        Share of the step that each line shows, times its area; 0 outside of the stack.
     blur : (n,) ndarray
-        Length of a voxel along each of them, in units of its shortest edge.
+        Length of a voxel along each line, in units of its shortest edge.
     """
 
     motion: np.ndarray
@@ -87,29 +90,29 @@ class Alignment:
 
     @property
     def sharpness(self) -> np.ndarray:
-        """How exactly each normal line shows the place of the edge, (n,): less where a voxel is longer along it."""
+        """Weight of each line's offset, (n,): lower where a voxel is longer along the line."""
         return self.weights / self.blur**2
 
     def at(self, motion: np.ndarray) -> Alignment:
-        """Move the view by a motion, (4, 4), that hardly differs: nothing is measured again."""
+        """Replace the motion by a similar one, (4, 4), and move the view accordingly; nothing is measured again."""
         return replace(self, motion=motion, view=self.view.moved(np.linalg.inv(motion) @ self.motion))
 
     def disagreement(self, other: Alignment) -> tuple[float, float]:
-        """How far the edges of two stacks are from each other where both show them.
+        """Compare the edges of two stacks on the lines where both show them.
 
         Returns
         -------
         apart : float
-            Root mean square, mm.
+            Root mean square distance between the edges, mm.
         wider : float
-            Mean, mm: positive where this stack shows a larger organ.
+            Mean signed distance, mm; positive if the organ is larger in this stack.
         """
-        # With less weight on lines that are blurred, few are left.
+        # Blurred lines keep their weight, as too few lines are sharp in both stacks.
         weight = self.weights * other.weights
         total = float(weight.sum())
         if not total > 0.0:
             return 0.0, 0.0
-        # Noise is another one on every line, a difference in shape is not.
+        # Averaged over neighbouring lines, which lowers noise but not a difference in shape.
         above, below = (
             ndimage.gaussian_filter(part.reshape(SAMPLES), 1.0, mode=("wrap", "nearest")).ravel()
             for part in (weight * (self.offsets - other.offsets), weight)
@@ -123,9 +126,9 @@ def align(
     surface: BSplineSurface,
     motion: np.ndarray,
     *,
-    known: np.ndarray | None = None,
+    known: np.ndarray,
 ) -> Alignment:
-    """Find how a surface lies in a further stack.
+    """Find the rigid motion of a surface to a further stack.
 
     Parameters
     ----------
@@ -134,9 +137,9 @@ def align(
     surface : BSplineSurface
         A closed organ at its edge in another stack.
     motion : (4, 4) ndarray
-        Takes the surface to about where the stack shows it, mm.
-    known : (n,) ndarray, optional
-        How well its place is known on each normal line, 0 to 1, see :func:`known_lines`; all of it if not given.
+        Initial motion, mm.
+    known : (n,) ndarray
+        Weights of the normal lines, 0 to 1, see :func:`known_lines`.
 
     Returns
     -------
@@ -154,17 +157,17 @@ def align(
 def surroundings(
     image: Image, surface: BSplineSurface, *, margin: float = 0.0, points: np.ndarray | None = None
 ) -> Sampler:
-    """Cut out a stack around a surface and points (n, 3), and so much more, mm, as a fit reads it."""
+    """Crop a stack around a surface and points (n, 3), with a margin in mm beyond what a fit samples."""
     net = surface.control_net.reshape(-1, 3)
     reach = margin + 4.0 * MOST_TAU_PIXELS * float(min(image.spacing))
     return Sampler(image.crop_around(net if points is None else np.concatenate([net, points]), reach))
 
 
 def known_lines(sampler: Sampler, surface: BSplineSurface) -> np.ndarray:
-    """On which normal lines a surface that was fitted in a stack lies at the organ's edge, (n,) from 0 to 1.
+    """Weights, 0 to 1, of the normal lines of a surface by their distance from the border of the fitted stack, (n,).
 
-    Not where the volume ends: there the surface closes, and the organ may go on. Where that is not known, the demo's
-    vagina is 0.25 mm off in three stacks that cut it, in place of 0.04 mm.
+    At the border the surface closes, but the organ may go on. Without these weights, the error of the demo's vagina in
+    three stacks that cut it is 0.25 mm in place of 0.04 mm.
     """
     image = sampler.image
     u, v = surface.midpoints(*SAMPLES)
@@ -175,7 +178,7 @@ def known_lines(sampler: Sampler, surface: BSplineSurface) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def _grid(surface: BSplineSurface) -> SampleGrid:
-    """Take the samples of a surface, and of all that it is moved to; kept, as it is compared with several stacks."""
+    """Make the samples for a surface; cached, as it is compared with several stacks after several motions."""
     return SampleGrid.on(surface, SAMPLES)
 
 
@@ -184,12 +187,11 @@ def _is_found(found: Alignment) -> bool:
     return found.view is not None and found.edge > 0.7 and found.cost < 0.15
 
 
-def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, known: np.ndarray | None) -> Alignment:
-    """Turn and displace a surface from a motion on, until it lies at its edge; all as in :func:`align`."""
+def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, known: np.ndarray) -> Alignment:
+    """Register a surface rigidly from an initial motion; arguments as in :func:`align`."""
     pixel = float(min(sampler.image.spacing))
     tau = TAU_PIXELS * pixel
     thickness = surface.volume() / surface.area()
-    known = np.ones(np.prod(SAMPLES)) if known is None else known
     middle = surface.control_net.reshape(-1, 3).mean(axis=0)
     for widening in _WIDENINGS:
         moved = surface.transformed(motion)
@@ -199,8 +201,8 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
             break
         center = moved.control_net.reshape(-1, 3).mean(axis=0)
         space = SampledSurface(rigid(moved, center), _grid(surface))
-        # The longer a voxel is along a line, the less exactly that shows the place of the edge. With the square of the
-        # length, and without it, the motion of the demo's rectum is wrong by up to 0.6 mm.
+        # Lines along which voxels are longer determine the edge less exactly. With the square of the length, and
+        # without it, the motion of the demo's rectum is wrong by up to 0.6 mm.
         blur = stage.virtual.blur(space.frame(np.zeros(6)).normals)
         correlation = stage.correlation(space, share=known / blur)
         energies = correlation.energies(bending=0.0, sliding=stage.sliding, anchor=0.0)
@@ -208,7 +210,7 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
         for iterate, _ in iterate_stage(stage, Objective([correlation], stiffness=energies, reference=-so_far)):
             q = iterate.q
         motion = rigid_matrix(q, center) @ motion
-    return judged(sampler, surface, motion, known=known)
+    return measured(sampler, surface, motion, known=known)
 
 
 def _stage(
@@ -219,10 +221,7 @@ def _stage(
     *,
     tolerance: float = _TOLERANCE,
 ) -> Stage | None:
-    """Make a stage for a rigid motion; None where there is no difference between both sides of the surface.
-
-    A ramp attracts the surface from afar; with partial volumes as `shares` its edge is measured.
-    """
+    """Make a stage for a rigid motion, with a ramp or with partial volumes; None if there is no contrast."""
     try:
         inside, outside = measured_levels(surface, sampler, tau)
     except ValueError:
@@ -242,7 +241,7 @@ def _stage(
     )
 
 
-def judged(
+def measured(
     sampler: Sampler,
     surface: BSplineSurface,
     motion: np.ndarray,
@@ -251,15 +250,15 @@ def judged(
     volumes: PartialVolumes | None = None,
     tau: float | None = None,
 ) -> Alignment:
-    """Measure how much of an edge a stack shows along a surface that is moved.
+    """Compare a surface with a stack after a rigid motion.
 
     Parameters
     ----------
     sampler, surface, motion, known
         As in :func:`align`.
     volumes : PartialVolumes, optional
-        Of the stack: without them, curved edges across thick slices are not where the stack shows them, and motions
-        that are found by them are off by 0.1 to 0.2 mm.
+        Of the stack; without them, curved edges across thick slices are displaced, and motions that are found by them
+        are off by 0.1 to 0.2 mm.
     tau : float, optional
         Width of the edge in the stack, mm; measured if not given.
 
@@ -305,7 +304,7 @@ def judged(
 
 
 def _searched(sampler: Sampler, surface: BSplineSurface) -> list[np.ndarray]:
-    """Displacements of a surface after which grey levels on both of its sides differ most, as motions, best first."""
+    """Search translations (4, 4) of a surface for large differences of grey levels between its sides; best first."""
     u, v = surface.midpoints(*SAMPLES)
     points, vectors = surface.points(u, v), surface.area_vectors(u, v)
     area = np.linalg.norm(vectors, axis=1)
@@ -322,8 +321,8 @@ def _searched(sampler: Sampler, surface: BSplineSurface) -> list[np.ndarray]:
         mean = (weight * values).sum(axis=1) / total
         spread = (weight * (values - mean[:, None]) ** 2).sum(axis=1) / total
         sides.append((mean, spread, total / area.sum()))
-    (inner, inner_spread, inner_seen), (outer, outer_spread, outer_seen) = sides
-    score = np.abs(inner - outer) / np.sqrt(inner_spread + outer_spread + 1e-12) * np.minimum(inner_seen, outer_seen)
+    (inner, inner_spread, inner_share), (outer, outer_spread, outer_share) = sides
+    score = np.abs(inner - outer) / np.sqrt(inner_spread + outer_spread + 1e-12) * np.minimum(inner_share, outer_share)
     best: list[np.ndarray] = []
     for index in np.argsort(-score):
         if all(np.linalg.norm(shifts[index] - shift) > 1.5 * _SEARCH_STEP_MM for shift in best):

@@ -1,4 +1,4 @@
-"""Boundary points: places where a doctor knows the wall to be."""
+"""Boundary points: points on the organ's wall that the user gives."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 
-# Farther from the surface than any correction of it: the point is meant for another organ or lies in another frame.
+# Points farther from the surface are refused: they are meant for another organ, or lie in another frame.
 LARGEST_DISTANCE_MM = 30.0
-# A surface passes a boundary point of weight 1 to within this.
+# Largest distance of a corrected surface from a boundary point of weight 1.
 LARGEST_LEFT_MM = 0.5
-# Farther from the origin than any patient lies; far beyond, squares overflow.
+# No patient lies farther from the origin, and squares of far larger numbers overflow.
 _LARGEST_COORDINATE_MM = 1e6
 
 
@@ -38,7 +38,7 @@ def boundary_deviations(surface: BSplineSurface, points) -> np.ndarray:
 
 
 def checked_boundary_points(points) -> np.ndarray:
-    """Boundary points as an array, after a check of their shape and numbers.
+    """Check the shape and the numbers of boundary points, and return them as an array.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def checked_boundary_points(points) -> np.ndarray:
     if found.ndim != 2 or found.shape[1] != 3:
         msg = f"Boundary points of shape {found.shape} were given; (n, 3) RAS coordinates in mm are needed."
         raise ValueError(msg)
-    # Not a number compares as False.
+    # Comparisons with nan are False.
     bad = np.flatnonzero(~(np.abs(found) <= _LARGEST_COORDINATE_MM).all(axis=1))
     if len(bad):
         msg = f"Boundary point {bad[0] + 1} is {found[bad[0]].tolist()}; RAS coordinates of a patient, mm, are needed."
@@ -73,7 +73,7 @@ def checked_boundary_points(points) -> np.ndarray:
 
 
 def check_distances(points: np.ndarray, distances: np.ndarray) -> None:
-    """Refuse boundary points that are not meant for this surface.
+    """Raise an error for boundary points that cannot be meant for this surface.
 
     Parameters
     ----------

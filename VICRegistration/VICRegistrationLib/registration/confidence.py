@@ -1,10 +1,9 @@
-"""How sure a fitted surface is, point by point: its standard deviation along the normal.
+"""Confidence: the standard deviation of a fitted surface along its normal, point by point.
 
-Two things make a surface uncertain. Noise moves it: the Gauss-Newton matrix of the fit, scaled by the residuals around
-each place and by the number of voxels that the surface passes, is the inverse of the covariance of its control points.
-And what the net cannot follow, or what lies beside the edge, leaves it off: each normal line shows how far its own edge
-is from the surface. Both are added. Where no line shows an edge, neither is known, and the surface is as
-uncertain as it was before the image was looked at.
+It has two parts. Noise: the covariance of the control points is the inverse of the fit's Gauss-Newton matrix, scaled by
+the residuals around each place and by the number of voxels along the surface. Misfit: the distance of each normal
+line's own edge from the surface, because the net is too coarse, or something lies beside the edge. The variances are
+added. Where no line shows an edge, the standard deviation is the one assumed without an image.
 """
 
 from __future__ import annotations
@@ -27,23 +26,25 @@ from .schedule import Schedule
 from .stacks import StackUse
 from .stages import Stage
 
-# Standard deviation of a surface before the image was looked at, mm: about as far as a fit goes.
+# Standard deviation of a surface without an image, mm: about as far as a fit moves a surface.
 _PRIOR_MM = 3.0
-# Calibrated on phantoms: what part of the misfit of the lines is that of the surface.
+# Share of the lines' misfit that is the surface's error; calibrated on phantoms.
 _MISFIT_SHARE = 0.75
-# Neighbours whose residuals count, as a share of the parameter range. Half and twice of it change the standard
-# deviation of the demo's organs by 6 % at most, that of a bladder that shows no edge on 15 % of its area by 40 %.
+# Standard deviation of the neighbourhood over which residuals are averaged, as a share of the parameter range. Half and
+# twice of it change the standard deviation of the demo's organs by 6 % at most, that of a bladder that shows no edge on
+# 15 % of its area by 40 %.
 _NEIGHBOURS = 0.04
-# The surface as a whole lies off by this part of a pixel, however many voxels it passes: seen on phantoms.
+# Error, in pixels, that the whole surface has in common, independent of the number of voxels; calibrated on phantoms.
 _COMMON_PIXELS = 0.08
-# Mean squared residual, in units of the squared contrast, at which the image looks like no edge. Half and twice of it
-# change the share of the area without one by 0.03 at most in two clear images of bladders. Without a limit it is 0.43
-# in place of 0.71 for a hippocampus, which shows none.
+# Mean squared residual, in units of the squared contrast, from which on there is no edge. Half and twice of it change
+# the share of the area without an edge by 0.03 at most in two clear images of bladders. Without a limit that share is
+# 0.43 in place of 0.71 for a hippocampus, which shows no edge.
 _NO_EDGE = 0.5
 # A place with less support than this follows no edge.
 _LEAST_SUPPORT = 0.3
-# Of the area: with more than this without an edge, most of the volume's variance is the 3 mm that are assumed there and
-# not what was calibrated on phantoms (half of it at 3.2, 3.4 and 3.9 % of the demo's bladder, vagina and rectum).
+# Largest share of the area without an edge for a calibrated volume. Beyond, most of the volume's variance is the
+# assumed 3 mm there, which were not calibrated on phantoms (half of it at 3.2, 3.4 and 3.9 % of the demo's bladder,
+# vagina and rectum).
 _MOST_WITHOUT_EDGE = 0.04
 
 
@@ -58,11 +59,11 @@ class Confidence:
     deviations : (n_u, n_v) ndarray
         Standard deviations at the midpoints of equal intervals of the parameters, mm.
     supports : (n_u, n_v) ndarray
-        How much of the organ's edge is seen there, 0 to 1.
+        Share of the organ's typical edge that the image shows there, 0 to 1.
     areas : (n_u, n_v) ndarray
-        Area that belongs to each, mm^2.
+        Area that belongs to each of these places, mm^2.
     points : (n_u, n_v, 3) ndarray
-        Of the surface there, RAS mm.
+        The places, RAS mm.
     volume_sd_ml : float
         Standard deviation of the volume, ml.
     """
@@ -87,7 +88,7 @@ class Confidence:
             (np.asarray(parameters)[:, axis] - low) / (high - low) * count - 0.5
             for axis, ((low, high), count) in enumerate(zip(self.surface.domain, values.shape))
         ]
-        # Closed in u; beyond the last samples lie the poles.
+        # Periodic in u; constant between the last samples and the poles.
         padded = np.concatenate([values[-1:], values, values[:1]])
         return ndimage.map_coordinates(padded, [places[0] + 1.0, places[1]], order=1, mode="nearest")
 
@@ -103,12 +104,12 @@ class Confidence:
 
     @property
     def volume_calibrated(self) -> bool:
-        """Whether the volume's standard deviation is mostly what was calibrated: at most 4 % follow no edge."""
+        """Whether the volume's standard deviation is calibrated: at most 4 % of the area follow no edge."""
         return self.unsupported_share <= _MOST_WITHOUT_EDGE
 
     @property
     def unsupported_side(self) -> str:
-        """Side of the organ where most of that lies, such as "superior"; empty if it is spread over the surface."""
+        """Side of the organ where most of that area lies, such as "superior"; empty if it is spread over the organ."""
         if not self.unsupported.any():
             return ""
         points, areas = self.points.reshape(-1, 3), self.areas.ravel()
@@ -122,18 +123,18 @@ class Confidence:
 def confidence_of(
     image: Image, surface: BSplineSurface, options: FitOptions, *, stacks: Sequence[StackUse] = ()
 ) -> Confidence:
-    """Work out how sure a surface is.
+    """Estimate the standard deviation of a fitted surface and of its volume.
 
     Parameters
     ----------
     image : Image
-        In which it was fitted.
+        The image that was fitted.
     surface : BSplineSurface
         A closed organ, RAS mm.
     options : FitOptions
-        By which it was fitted, with automatic choices filled in.
+        Of the fit, with automatic choices filled in.
     stacks : sequence of StackUse
-        Further stacks that it was fitted to.
+        Further stacks to which it was fitted.
 
     Returns
     -------
@@ -147,36 +148,36 @@ def confidence_of(
     Notes
     -----
     The covariance is the inverse of the sum of the Gauss-Newton matrix, the fit's stiffness against bending and
-    sliding, and a prior of 3 mm for each patch of the net. Calibrated on noisy phantoms, see the README; it holds for
-    real images as far as they are like those.
+    sliding, and a prior of 3 mm for each patch of the net. It was calibrated on noisy phantoms, and holds for real
+    images as far as these are similar.
     """
     schedule = Schedule.around(image, surface, options)
     if schedule.inside == schedule.outside:
-        # The estimates along the surface will show that there is no edge: they only need to know a brighter side.
+        # The levels estimated along the surface will show that there is no edge; they only need a sign of the contrast.
         schedule = replace(schedule, outside=schedule.inside - 1e-6 * (abs(schedule.inside) or 1.0))
     stage = with_stacks(schedule, surface, stacks).fine
-    seen, *others = stage.correlations(sampled(surface, options.closure))
-    shape = seen.surface.grid.shape
-    supports = [_without_edges_elsewhere(_support(each), shape) for each in (seen, *others)]
+    first, *_ = correlations = stage.correlations(sampled(surface, options.closure))
+    shape = first.surface.grid.shape
+    supports = [_lowered_without_edge(_support(each), shape) for each in correlations]
     support = _joint(supports)
     areas = support.area * surface.area()
     pixel = float(np.min(image.spacing))
     information, scale = np.zeros(len(areas)), 0.0
-    for each, one in zip((seen, *others), supports):
+    for each, one in zip(correlations, supports):
         variance = _smoothed(one.variance, one, shape)
-        # A voxel is one independent number, whatever the number of samples in it.
+        # A voxel is one independent observation, however many samples lie in it.
         lines = areas / (abs(np.linalg.det(each.virtual.voxel)) / np.linalg.norm(each.virtual.voxel, axis=0).min())
         information += lines * one.weight * one.slope / variance
         scale += float(np.sum(lines) * np.mean(1.0 / variance))
-    precision = _precision(seen, support, information, stage, scale)
-    moves = seen.surface.normal_motion(support.normals)
+    precision = _precision(first, support, information, stage, scale)
+    moves = first.surface.normal_motion(support.normals)
     noise = precision.variances(moves)
     misfit = _MISFIT_SHARE**2 * _smoothed(np.minimum(support.offset**2, _PRIOR_MM**2), support, shape)
-    # Where no line around shows an edge, the surface is where it was put.
+    # Where no line around shows an edge, the variance is that without an image.
     blind = _PRIOR_MM**2 * np.clip(1.0 - _around(support.weight, support.area, shape) / _LEAST_SUPPORT, 0.0, 1.0)
     pushed = moves.T @ areas
     volume = pushed @ precision.solve(pushed) + (_COMMON_PIXELS * pixel * areas.sum()) ** 2
-    volume += areas.sum() * (areas @ (misfit + blind)) / _patches(seen.surface)
+    volume += areas.sum() * (areas @ (misfit + blind)) / _patches(first.surface)
     return Confidence(
         surface,
         np.sqrt(noise + misfit + blind).reshape(shape),
@@ -189,22 +190,22 @@ def confidence_of(
 
 @dataclass(frozen=True, eq=False)
 class _Support:
-    """What each normal line of a surface shows of the edge, (n,) but where stated.
+    """The edge that an image shows on each of n normal lines; arrays are (n,) if not stated otherwise.
 
     Parameters
     ----------
     points, normals : (n, 3) ndarray
-        Where the lines cross the surface.
+        Points of the surface, and normals.
     area : ndarray
         Share of the surface's area, sum 1.
     weight : ndarray
-        How much of an edge the line shows, 0 to 1; 0 outside of the volume.
+        Share of the organ's typical edge that the line shows, 0 to 1; 0 outside of the volume.
     variance : ndarray
         Mean squared residual, in units of the squared contrast.
     slope, offset : ndarray
-        How steep the edge is and how far from the surface, see :meth:`.cost.Samples.edges`.
+        Steepness of the edge and its distance from the surface, see :meth:`.cost.Samples.edges`.
     share : ndarray
-        What part of the line's weight in the cost is this image's.
+        Part of the line's weight in the cost that belongs to this image.
     """
 
     points: np.ndarray
@@ -218,7 +219,7 @@ class _Support:
 
 
 def _support(correlation: Correlation) -> _Support:
-    """Measure what each normal line shows of the edge, before the surface moves."""
+    """Measure the edge on each normal line, at q = 0."""
     samples = correlation.sample(np.zeros(correlation.surface.n_dof))
     frame = samples.frame
     slope, offset = samples.edges()
@@ -236,7 +237,7 @@ def _support(correlation: Correlation) -> _Support:
 
 
 def _joint(supports: Sequence[_Support]) -> _Support:
-    """Combine what several images show: of an edge as much as the best one does, and where it is on average."""
+    """Combine several images: the largest support, and weighted means of the rest."""
     if len(supports) == 1:
         return supports[0]
     weights = np.array([each.weight for each in supports])
@@ -251,8 +252,8 @@ def _joint(supports: Sequence[_Support]) -> _Support:
     )
 
 
-def _without_edges_elsewhere(support: _Support, shape: tuple[int, int]) -> _Support:
-    """Lower the support where the image looks like no edge at all: what is seen there is something else."""
+def _lowered_without_edge(support: _Support, shape: tuple[int, int]) -> _Support:
+    """Lower the support where residuals are so large that the image shows no edge."""
     variance = _smoothed(support.variance, support, shape)
     return replace(support, weight=support.weight * np.clip(1.0 - variance / _NO_EDGE, 0.0, 1.0))
 
@@ -260,7 +261,7 @@ def _without_edges_elsewhere(support: _Support, shape: tuple[int, int]) -> _Supp
 def _precision(
     correlation: Correlation, support: _Support, information: np.ndarray, stage: Stage, scale: float
 ) -> BandedMatrix:
-    """Inverse of the covariance of the degrees of freedom, (n_dof, n_dof) 1/mm^2."""
+    """Precision matrix, the inverse of the covariance, of the degrees of freedom, (n_dof, n_dof) 1/mm^2."""
     across = support.normals[:, :, None] * support.normals[:, None, :]
     prior = support.area * _patches(correlation.surface) / _PRIOR_MM**2
     data = correlation.surface.quadratic_form((information + prior)[:, None, None] * across)
@@ -268,12 +269,12 @@ def _precision(
 
 
 def _patches(surface: SampledSurface) -> float:
-    """About how many patches of the surface move by themselves."""
+    """Approximate number of patches of the surface that move independently."""
     return surface.n_dof / 3.0
 
 
 def _around(values: np.ndarray, area: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Mean over the area around each line."""
+    """Area-weighted mean over the neighbourhood of each line."""
     sigma = [_NEIGHBOURS * count for count in shape]
     above, below = (
         ndimage.gaussian_filter(part.reshape(shape), sigma, mode=("wrap", "nearest")) for part in (values * area, area)
@@ -282,7 +283,7 @@ def _around(values: np.ndarray, area: np.ndarray, shape: tuple[int, int]) -> np.
 
 
 def _smoothed(values: np.ndarray, support: _Support, shape: tuple[int, int]) -> np.ndarray:
-    """Mean of the lines around each, where they show an edge; the organ's mean where none does."""
+    """Mean over the neighbourhood of each line, weighted by support; the mean over the organ if there is no support."""
     weight = support.area * support.weight
     total = max(float(weight.sum()), 1e-300)
     few = 1e-3 * total / len(weight)

@@ -1,12 +1,12 @@
-"""Correction of a surface by boundary points: places where a user knows the wall to be.
+"""Correction of a surface by boundary points: points on the organ's wall that the user gives.
 
-A point is knowledge about the whole surface, not a dent in it. So
+A point must move its surroundings smoothly, and not make a local dent.
 
-1. one smooth deformation of space takes the surface through the points, see :mod:`..geometry.space_deformation`: it
-   moves the wall by 20 mm where that is needed, and does not fold;
-2. the grey levels around the points are fitted again from there, with the points as observations: beside the residuals
-   of the image, each point pulls the place of the deformed surface that is nearest to it. Near a point the deformation
-   is held, away from it the surface before; between the two, the surface goes to the edge that the image shows.
+1. A smooth deformation of space takes the surface through the points, see :mod:`..geometry.space_deformation`. It can
+   move the wall by 20 mm without folding it.
+2. From there, the surface is fitted again to the grey levels around the points. The points are observations: the
+   squared distance of each from the place of the surface that was nearest to it after step 1 is added to the objective.
+   The surface is anchored to the deformed surface near the points, and to the surface before the correction elsewhere.
 """
 
 from __future__ import annotations
@@ -37,35 +37,37 @@ from .schedule import Schedule
 from .stacks import StackUse
 from .stages import Stage, Step, iterate_stage
 
-# How far around a point space is deformed, in radii of a ball of the organ's volume: the second one where with the
-# first a wall is moved farther than the points lie off by more than this share of the largest distance, measured at so
-# many places. And at least this many times as far as the farthest point lies off, with the first one and with the
-# second. A bladder that an expert draws without its tumours ends at 0.87 mm with eight points so, and with half and
-# twice this share; at 1.05 with the first radius alone.
+# Radius of the deformation around a point, in radii of a ball with the organ's volume. The second value is taken if the
+# first one moves the wall beyond the farthest point, inward or outward, by more than the share _BEYOND of the largest
+# distance, at _SAMPLES places; or if it folds the surface. With the first value, the radius is at least _DISTANCES
+# times the largest distance, with the second one _LEAST_DISTANCES times. A bladder that an expert draws without its
+# tumours has an error of 0.87 mm with eight points, also with half and twice of the share; 1.05 mm with the first
+# radius alone.
 _RADII, _BEYOND, _SAMPLES = (1.0, 0.5), 0.05, (48, 32)
 _DISTANCES, _LEAST_DISTANCES = 3.0, 2.0
-# How far around a point it counts for the fit: likewise. With 1.6 distances eight points leave a mean of 1.45 mm in a
-# bladder that is missed by up to 19 mm, with 3, 5 and 8 one of 1.1; with 5 and 8 the far wall of a thin organ is moved.
+# Reach of a point in the fit: the larger of this many radii of that ball and this many times the point's distance. With
+# 1.6 distances the mean error of a bladder that is missed by up to 19 mm is 1.45 mm with eight points, with 3, 5 and 8
+# it is 1.1 mm; with 5 and 8 the far wall of a thin organ is moved.
 _REACH_RADII = 0.5
 _REACH_DISTANCES = 3.0
-# The longest spans of a net that can follow a correction, in reaches. Points 5 mm off the demo's organs are met to 0.05
-# to 0.14 mm; with half of it to 0.04 to 0.09, which takes three times as long, with twice of it to 0.07 to 0.45.
+# Longest spans of the net for a correction, in reaches. Surfaces then pass points 5 mm off the demo's organs within
+# 0.05 to 0.14 mm; with half of it 0.04 to 0.09 mm, in three times the time, with twice of it 0.07 to 0.45 mm.
 _SPAN = 0.55
-# Shorter spans, as a share, for points that the surface does not pass so. One of seven bladders with 16 points leaves
-# them by 0.4 mm then, and by 1.1 mm without; half of this share changes nothing there.
+# Factor of that length for a second attempt, if the surface still misses a point. One of seven bladders with 16 points
+# misses them by 0.4 mm then, and by 1.1 mm without; half of this factor changes nothing there.
 _FINER = 0.5
-# Weight against leaving the surface before, away from the points, and the deformed one, at them; 1 is about that of a
-# sharp edge. With half and twice as much, points are met and other walls moved by no more than 0.1 mm differently.
+# Weight of the anchor; 1 is about that of a sharp edge. With half and twice of it, the distances from the points and
+# the displacements of other walls change by no more than 0.1 mm.
 _HOLD = 1.0
-# Bending energies: a stiff one, and one with which points are met that this leaves off. With the first, points 6 mm
-# apart make one bulge, and one 5 mm off the demo's bladder bends its wall to a radius of 5.0 mm; with half of it to 4.5
-# mm, with twice to 5.6 mm, where it moves walls beyond half the organ's radius by more than 0.25 mm. With a tenth the
-# wall ripples by 0.2 mm between points.
+# Weights of the bending energy: the second one is taken if the surface misses points with the first one. With the
+# first, points 6 mm apart make one bulge, and a point 5 mm off the demo's bladder bends its wall to a radius of 5.0 mm;
+# with half of it to 4.5 mm, with twice to 5.6 mm, where it moves walls beyond half the organ's radius by more than 0.25
+# mm. With a tenth the wall ripples by 0.2 mm between points.
 _BENDING = (1.7e-3, 4e-5)
-# Radius around a point within which the deformed surface counts, in reaches. With half of it these points are met to
-# 0.09 to 0.30 mm, with twice of it walls far from them are moved by up to 0.8 in place of 0.6 mm.
+# Radius around a point within which the anchor holds the deformed surface, in reaches. With half of it the surface
+# passes these points within 0.09 to 0.30 mm, with twice of it walls far from them move by up to 0.8 in place of 0.6 mm.
 _NEAR = 0.7
-# Points nearer to the surface than this, mm, ask for no correction.
+# Without a point farther from the surface than this, mm, there is no correction.
 _MET = 0.01
 
 
@@ -83,9 +85,9 @@ def correct(
     points : (n, 3) ndarray
         At least one, RAS mm.
     options : FitOptions
-        With automatic choices filled in; `boundary_weight` is that of the points.
+        With automatic choices filled in; `boundary_weight` is the weight of the points.
     stacks : sequence of StackUse
-        Further stacks that the surface was fitted to.
+        Further stacks to which the surface was fitted.
 
     Yields
     ------
@@ -94,13 +96,13 @@ def correct(
     Returns
     -------
     BSplineSurface
-        Valid; with a finer net where that of the surface could not follow.
+        A valid solid; its net is finer if necessary.
 
     Raises
     ------
     ValueError
-        If a point is too far from the surface, the surface is no closed organ, or no surface without folds passes the
-        points.
+        If a point is too far from the surface, the surface is no closed organ, or every surface through the points
+        folds.
     """
     distances = closest_points(surface, points).distances
     check_distances(points, distances)
@@ -141,9 +143,9 @@ def _passed(
     options: FitOptions,
     stacks: Sequence[StackUse],
 ) -> Generator[Step, None, tuple[Step | None, float]]:
-    """Take a surface through points with its own net; the last step and the largest distance left, None and infinity.
+    """Correct a surface without changing its net, with one bending energy after the other until it passes the points.
 
-    Where a stage with the first bending energy does not meet them, it is run with the next one.
+    Returns the last step and the largest distance from a point, mm; None and infinity if the surface folds.
     """
     ball = ball_radius(before.volume())
     deformed = _deformed(before, points, ball, options)
@@ -164,7 +166,7 @@ def _passed(
         if left * options.boundary_weight < LARGEST_LEFT_MM:
             break
     if kept is None:
-        # What the image shows beside the points contradicts them.
+        # The image around the points contradicts them: fitting to it folds the surface.
         cost = stage.cost_of(sampled(deformed, options.closure), deformed)
         kept = Step("boundary points, deformation alone", 1, cost, 0.0, deformed, "displacement")
         left = float(np.abs(closest_points(deformed, points).distances).max())
@@ -174,7 +176,7 @@ def _passed(
 
 
 def _deformed(before: BSplineSurface, points: np.ndarray, ball: float, options: FitOptions) -> BSplineSurface:
-    """Deform space through the points, as far around them as moves no wall much farther than they lie off."""
+    """Deform a surface through the points, with the smaller radius if the larger one moves walls too far."""
     space = sampled(before, options.closure).parametrization
     distances = closest_points(before, points).distances
     farthest = np.abs(distances).max()
@@ -190,15 +192,16 @@ def _deformed(before: BSplineSurface, points: np.ndarray, ball: float, options: 
 
 @dataclass(frozen=True, eq=False)
 class _Observed:
-    """Boundary points as observations beside the grey levels.
+    """Fit to grey levels with boundary points as additional observations.
 
     Parameters
     ----------
     before, deformed : BSplineSurface
-        Without the points, and deformed through them; of the same net.
+        Before the correction, and deformed through the points; with the same net.
     points : (n, 3) ndarray
+        RAS mm.
     reach : (n,) ndarray
-        How far around each point it counts, mm.
+        Of each point, mm.
     options : FitOptions
     """
 
@@ -210,11 +213,11 @@ class _Observed:
 
     @cached_property
     def feet(self) -> Projection:
-        """The places of the deformed surface that are nearest to the points."""
+        """Closest points of the deformed surface to the boundary points."""
         return closest_points(self.deformed, self.points)
 
     def fitted(self, stage: Stage) -> Generator[Step, None, Step]:
-        """Run a stage on the grey levels from the deformed surface, step by step; returns the last one."""
+        """Run a stage on the grey levels from the deformed surface, step by step; returns the last step."""
         space = sampled(self.deformed, self.options.closure)
         width = stage.virtual.profile.width
         correlations = stage.correlations(space, share=self._nearness(space, self.reach))
@@ -229,10 +232,10 @@ class _Observed:
         return step
 
     def _nearness(self, space: SampledSurface, radii: np.ndarray) -> np.ndarray:
-        """How near each normal line of the deformed surface is to the points, on the same side of the organ, (n,).
+        """Weight of each normal line of the deformed surface by its distance from the points, (n,).
 
-        1 at a point and between two that are close together, 0 far from all. Where sides do not count, a bladder with
-        eight points is off by 1.24 in place of 1.19 mm.
+        1 at a point and between two that are close together, 0 far from all and on the other side of the organ. Without
+        the distinction of sides, the error of a bladder with eight points is 1.24 in place of 1.19 mm.
         """
         frame = space.frame(np.zeros(space.n_dof))
         alike = frame.normals @ self.deformed.normals(*self.feet.parameters.T).T
@@ -240,30 +243,27 @@ class _Observed:
         return 1.0 - (1.0 - near).prod(axis=1)
 
     def _hold(self, correlations: Sequence[Correlation], stage: Stage):
-        """Energies of the displacement since the deformed surface: matrix K and vector f of q' K q - 2 f' q.
+        """Energies of the displacement from the deformed surface: matrix K and vector f of q' K q - 2 f' q.
 
-        Away from the points they lead back to the surface before. Without that, a point 5 mm off the demo's bladder
-        moves walls far from it by 0.97 in place of 0.19 mm.
+        Away from the points their minimum is the surface before the correction. Without that, a point 5 mm off the
+        demo's bladder moves walls far from it by 0.97 in place of 0.19 mm.
         """
         space = correlations[0].surface
         frame = space.frame(np.zeros(space.n_dof))
         near = self._nearness(space, _NEAR * self.reach)
         unit = stage.virtual.profile.width**2
-        back = np.einsum("nk,nk->n", space.grid.bases[0] @ self._way_back(), frame.normals)
+        way_back = (self.before.control_net - self.deformed.control_net).reshape(-1, 3)
+        back = np.einsum("nk,nk->n", space.grid.bases[0] @ way_back, frame.normals)
         weight = _HOLD * frame.area / unit
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         energy = correlations[0].energies(bending=stage.bending, sliding=stage.sliding, anchor=0.0)
         energy = energy + space.quadratic_form(weight[:, None, None] * along)
         return energy, space.normal_motion(frame.normals).T @ (weight * (1.0 - near) * back)
 
-    def _way_back(self) -> np.ndarray:
-        """From the control points of the deformed surface to those of the surface before, (n_control, 3) mm."""
-        return (self.before.control_net - self.deformed.control_net).reshape(-1, 3)
-
     def _with_points(self, space: SampledSurface, weights: np.ndarray, energy, pull: np.ndarray):
-        """Energies and points as one quadratic form about its rest: its matrix and the rest, (n_dof,).
+        """Add the squared distances of the points to the energies: matrix of the sum, and its minimum, (n_dof,).
 
-        Each point pulls the place of the deformed surface that is nearest to it.
+        The distance of a point is that from its foot, the place of the deformed surface that was nearest to it.
         """
         u, v = self.feet.parameters.T
         offsets, basis = self.points - self.deformed.points(u, v), _basis(self.deformed, u, v)
@@ -282,14 +282,9 @@ class _Observed:
 
 
 def _basis(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) -> sparse.csr_matrix:
-    """Basis functions of a surface at pairs of parameters, (n, n_control)."""
-    columns = surface.control_net.shape[1]
-    first_u, values_u = bspline.nonzero_basis(surface.degrees[0], surface.knots_u, u)
-    first_v, values_v = bspline.nonzero_basis(surface.degrees[1], surface.knots_v, v)
-    i = first_u[:, None] + np.arange(values_u.shape[1])
-    j = first_v[:, None] + np.arange(values_v.shape[1])
-    index = (i[:, :, None] * columns + j[:, None, :]).reshape(len(i), -1)
-    values = (values_u[:, :, None] * values_v[:, None, :]).reshape(len(i), -1)
-    rows = np.arange(len(i) + 1) * index.shape[1]
-    shape = (len(i), surface.control_net.shape[0] * columns)
-    return sparse.csr_matrix((values.ravel(), index.ravel(), rows), shape=shape)
+    """Matrix of the basis functions of a surface at pairs of parameters, (n, n_control)."""
+    n_u, n_v, _ = surface.control_net.shape
+    along_u = bspline.collocation(surface.degrees[0], surface.knots_u, u)
+    along_v = bspline.collocation(surface.degrees[1], surface.knots_v, v)
+    # Row-wise Kronecker product.
+    return sparse.kron(along_u, np.ones((1, n_v))).multiply(sparse.kron(np.ones((1, n_u)), along_v)).tocsr()

@@ -1,4 +1,4 @@
-"""Further stacks during a fit: aligned with the surface, in turn with it, and left out where they do not agree."""
+"""Further stacks during a fit: their motions are found in turn with the surface; contradicting stacks are left out."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .alignment import (
     LARGEST_TURN_DEGREES,
     Alignment,
     align,
-    judged,
     known_lines,
+    measured,
     surroundings,
 )
 from .nets import halvings_to, sampled_net
@@ -29,38 +29,39 @@ from .stack_view import View
 from .stacks import Stack, StackUse, rotation_degrees, shift_of
 from .stages import Step, last_step
 
-# A stack with a smaller share of the surface's area does not determine a motion.
+# Smallest share of the surface's area that must lie in a stack to determine a motion.
 _LEAST_SEEN = 0.15
-# A stack that shows less of an edge along the surface, or differs more from one, does not show the organ as it is.
-# The cost may be more before the surface was fitted to it.
+# Smallest `edge` and largest `cost` of a stack that shows the organ. The second limit of the cost holds before the
+# surface is fitted to the stack.
 _LEAST_EDGE, _LARGEST_COST, _LARGEST_COST_TO_START = 0.5, 0.2, 0.35
-# How far edges of two stacks may be from each other where both show them, root mean square and mean, mm and pixels.
-# Seen in pixels of 0.59 mm: up to 0.08 and 0.02 mm for the demo's organs, from 0.15 and 0.13 mm (vagina), 0.33 and
-# 0.32 mm (rectum), 0.75 mm (bladder) where they have grown by 3 %; up to 0.20 and 0.17 mm for a real bladder. The mean
-# is what another filling changes most.
+# Largest distance between the edges of two stacks, root mean square and mean, mm and pixels. Observed in pixels of 0.59
+# mm: up to 0.08 and 0.02 mm for the demo's organs, and from 0.15 and 0.13 mm (vagina), 0.33 and 0.32 mm (rectum), 0.75
+# mm (bladder) after a growth of 3 %; up to 0.20 and 0.17 mm for a real bladder. Another filling of the organ changes
+# the mean most.
 _LARGEST_APART_MM, _LARGEST_APART_PIXELS = 0.35, 0.55
 _LARGEST_GROWTH_MM, _LARGEST_GROWTH_PIXELS = 0.2, 0.27
-# Share of a surface that the first stack shows away from its border, from which all others are aligned with it at once.
-# Where all are at once in any case, the demo's vagina is 0.12 mm off in three stacks that cut it, in place of 0.04 mm;
-# one after the other in any case, the bladder's motions are off by 0.15 mm in place of 0.11 mm.
+# If the first stack shows more than this share of a surface away from its border, all others are aligned at once, and
+# otherwise one after the other. With all at once in any case, the error of the demo's vagina in three stacks that cut
+# it is 0.12 mm in place of 0.04 mm; one after the other in any case, that of the bladder's motions is 0.15 in place of
+# 0.11 mm.
 _MOSTLY_KNOWN = 0.95
-# How often the edges of stacks are compared with each other at most, and at which displacement they are at rest, mm.
+# Largest number of comparisons between the edges of the stacks, and the displacement at which they end, mm.
 _TURNS, _AT_REST_MM = 8, 0.1
-# How far a surface may move in a stack before that is cut out around it again, mm.
+# A stack is cropped again when the surface has moved in it by more than this, mm.
 _KEPT_MM = 2.0
-# No image is taken for clearer than this mean squared residual: half and ten times of it give the demo's organs the
-# same distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
+# Lower limit of the mean squared residual in the ratio of `trust_of`: half and ten times of it give the demo's organs
+# the same distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
 _CLEAREST = 1e-4
 
 
 class JointStacks:
-    """The further stacks of a fit, and where each one shows the surface.
+    """The further stacks of a fit, with their motions.
 
     Parameters
     ----------
     stacks : sequence of Stack
     frame : (4, 4) ndarray
-        Rigid: takes the frame in which the surface is fitted to the first image's RAS mm.
+        Rigid: takes the frame of the fit to the first image's RAS mm.
 
     Attributes
     ----------
@@ -72,14 +73,14 @@ class JointStacks:
         self._reasons: list[Diagnostic | None] = [None] * len(self.stacks)
         self._found: list[Alignment | None] = [None] * len(self.stacks)
         self._deviations = np.full((len(self.stacks), 2), np.nan)
-        self._own = None
+        self._first = None
         self._fitted: set[int] = set()
         self._kept: dict[int, tuple[np.ndarray, Sampler, PartialVolumes]] = {}
 
     def joined(
         self, schedule: Schedule, step: Step, space: SampledSurface
     ) -> Generator[Step, None, tuple[Schedule, Step]]:
-        """Align all stacks with a surface of the first one, and fit it to those that show it.
+        """Align all stacks with a surface from the first one, and fit the surface to those that are used.
 
         Parameters
         ----------
@@ -96,7 +97,7 @@ class JointStacks:
         Returns
         -------
         schedule : Schedule
-            With the stacks that are used.
+            With the used stacks.
         step : Step
             Last step of the coarse stage with all of them.
         """
@@ -105,7 +106,7 @@ class JointStacks:
         self._fitted.clear()
         known = known_lines(schedule.sampler, step.surface)
         together = float(known.mean()) > _MOSTLY_KNOWN
-        # What a stack adds to a surface that the first one cuts, the next one is aligned with.
+        # If the first stack cuts the surface, each further stack makes more of it known for the next one.
         groups = [range(len(self.stacks))] if together else [[number] for number in range(len(self.stacks))]
         for group in groups:
             self._aligned(schedule, step.surface, group)
@@ -119,30 +120,30 @@ class JointStacks:
         return schedule, step
 
     def beside(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
-        """Align all stacks with a surface, and give those that show it to a schedule."""
+        """Align all stacks with a surface, and add those that are used to a schedule."""
         if not self.stacks:
             return schedule
         self._aligned(schedule, surface, range(len(self.stacks)))
         return self._compared(schedule, surface)
 
     def realigned(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
-        """Find the motions of the stacks that are used again, near a surface that was fitted to all of them."""
+        """Find the motions of the used stacks again, with a surface that was fitted to all of them."""
         self._fitted.update(self._all_used)
         return self._compared(schedule, surface, measure=True)
 
     def _compared(self, schedule: Schedule, surface: BSplineSurface, *, measure: bool = False) -> Schedule:
-        """Find the motions of the stacks that are used by each other's edges near a surface; see :meth:`_judge`."""
+        """Find the motions of the used stacks by the distances between their edges; `measure` as in `_measure`."""
         if self._all_used:
-            self._judge_own(schedule, surface)
+            self._measure_first(schedule, surface)
         for turn in range(_TURNS):
             for number in self._all_used:
-                self._judge(schedule, surface, number, measure=measure and turn == 0)
+                self._measure(schedule, surface, number, measure=measure and turn == 0)
             used = self._all_used
             if not used:
                 break
             found = [self._found[number] for number in used]
-            trusts = [1.0, *(trust_of(each, self._own) for each in found)]
-            relative = relative_motions(surface, [self._own, *found], trusts)
+            trusts = [1.0, *(trust_of(each, self._first) for each in found)]
+            relative = relative_motions(surface, [self._first, *found], trusts)
             for number, motion, deviations in zip(used, relative.motions, relative.deviations):
                 self._found[number] = self._found[number].at(motion)
                 self._deviations[number] = deviations
@@ -151,7 +152,7 @@ class JointStacks:
         return self._with_views(schedule)
 
     def settled(self, schedule: Schedule, found: Step) -> Generator[Step, None, tuple[Schedule, Step]]:
-        """Align once more at the end, and fit the surface to it.
+        """Find the motions once more at the end, and fit the surface again.
 
         Without it the motions of the demo's bladder in two further stacks are off by 0.13 in place of 0.09 mm, and by
         0.30 in place of 0.08 mm where the first stack cuts it.
@@ -168,9 +169,9 @@ class JointStacks:
         return schedule, found
 
     def leave_out_contradicting(self) -> bool:
-        """Leave out the stack that contradicts the first one most, by a surface that was fitted to both; if one does.
+        """Leave out the stack that contradicts the first one most, if any does; returns whether one was left out.
 
-        Before the surface is as fine as the organ, it is off its edge in every stack, and no stack can be judged.
+        Call it after the last fit: with a coarser surface, the edges of all stacks are far from the surface.
         """
         excess = [
             0.0 if reason is not None else self._excess(stack, found)
@@ -179,16 +180,16 @@ class JointStacks:
         if not excess or max(excess) <= 1.0:
             return False
         worst = int(np.argmax(excess))
-        apart, _ = self._found[worst].disagreement(self._own)
+        apart, _ = self._found[worst].disagreement(self._first)
         self._reasons[worst] = Diagnostic("stack_shows_another_shape", {"apart_mm": apart})
         return True
 
     def uses(self, schedule: Schedule, surface: BSplineSurface) -> tuple[StackUse, ...]:
-        """Say what became of each stack, by the surface in the end, in the frame of the fit."""
+        """Report motion and use of each stack, for the final surface in the frame of the fit."""
         if self._all_used:
-            self._judge_own(schedule, surface)
+            self._measure_first(schedule, surface)
         for number in self._all_used:
-            self._judge(schedule, surface, number)
+            self._measure(schedule, surface, number)
         center = self._center(surface)
         return tuple(
             StackUse(
@@ -208,8 +209,8 @@ class JointStacks:
     # ------------------------------------------------------------------ one stack
 
     def _excess(self, stack: Stack, found: Alignment) -> float:
-        """How much a stack contradicts the first one, in units of what is allowed."""
-        apart, wider = found.disagreement(self._own)
+        """How much a stack contradicts the first one; it is left out above 1."""
+        apart, wider = found.disagreement(self._first)
         pixel = float(min(stack.image.spacing))
         return max(
             apart / max(_LARGEST_APART_MM, _LARGEST_APART_PIXELS * pixel),
@@ -225,13 +226,13 @@ class JointStacks:
         return [number for number in range(len(self.stacks)) if self._used(number)]
 
     def _known(self, schedule: Schedule, surface: BSplineSurface, number: int) -> np.ndarray:
-        """How well the lines of a surface are known from all other stacks that it was fitted to, (n,)."""
+        """Weights of the lines by all other stacks to which the surface was fitted, (n,); see `known_lines`."""
         others = [other for other in self._fitted if other != number and self._used(other)]
         samplers = [schedule.sampler, *(self._found[other].view.sampler for other in others)]
         return np.maximum.reduce([known_lines(sampler, surface) for sampler in samplers])
 
     def _aligned(self, schedule: Schedule, surface: BSplineSurface, numbers: Sequence[int]) -> None:
-        """Find where some of the stacks show a surface, and which ones do not."""
+        """Align some of the stacks with a surface, and note which ones do not show it."""
         for number in numbers:
             if self._reasons[number] is not None:
                 continue
@@ -240,33 +241,33 @@ class JointStacks:
             known = self._known(schedule, surface, number)
             found = align(self._local(stack), surface, start, known=known)
             self._found[number] = found
-            self._reasons[number] = self._why_not(stack, found, surface)
+            self._reasons[number] = self._reason_against(stack, found, surface)
 
-    def _judge_own(self, schedule: Schedule, surface: BSplineSurface) -> None:
-        """Measure what the first stack shows of a surface."""
+    def _measure_first(self, schedule: Schedule, surface: BSplineSurface) -> None:
+        """Compare a surface with the first stack."""
         known = known_lines(schedule.sampler, surface)
-        self._own = judged(schedule.sampler, surface, np.eye(4), known=known, volumes=schedule.volumes)
+        self._first = measured(schedule.sampler, surface, np.eye(4), known=known, volumes=schedule.volumes)
 
-    def _judge(self, schedule: Schedule, surface: BSplineSurface, number: int, *, measure: bool = False) -> None:
-        """Measure what a stack shows of a surface after its motion.
+    def _measure(self, schedule: Schedule, surface: BSplineSurface, number: int, *, measure: bool = False) -> None:
+        """Compare a surface with a stack after the stack's motion.
 
-        The width of its edge is measured too if `measure` is true, which takes as long as the rest; otherwise the last
-        one is taken.
+        With `measure`, the width of the stack's edge is measured again, which takes as long as the rest; otherwise it
+        is kept.
         """
         stack, before, known = self.stacks[number], self._found[number], self._known(schedule, surface, number)
         sampler, volumes = self._surroundings(number, surface.transformed(before.motion))
-        given = {"known": known, "volumes": volumes, "tau": None if measure else before.view.tau}
-        found = self._found[number] = judged(sampler, surface, before.motion, **given)
+        tau = None if measure else before.view.tau
+        found = self._found[number] = measured(sampler, surface, before.motion, known=known, volumes=volumes, tau=tau)
         if found.view is None:
             self._reasons[number] = Diagnostic("stack_shows_little", {"share": float(found.common)})
         else:
-            self._reasons[number] = self._moved_far(stack, found, surface)
+            self._reasons[number] = self._implausible_motion(stack, found, surface)
 
     def _surroundings(self, number: int, moved: BSplineSurface) -> tuple[Sampler, PartialVolumes]:
-        """Cut out a stack around a surface in it, with its partial volumes; kept while the surface hardly moves."""
+        """Crop a stack around a surface in it, with partial volumes; cached while the surface moves little."""
         kept = self._kept.get(number)
         net = moved.control_net.reshape(-1, 3)
-        # Both ends of the box count upwards.
+        # With both ends of the bounding box as upper limits, growth is positive.
         box = np.append(-net.min(axis=0), net.max(axis=0))
         if kept is None or (box - kept[0]).max() > _KEPT_MM:
             sampler = surroundings(self._local(self.stacks[number]), moved, margin=_KEPT_MM)
@@ -274,45 +275,45 @@ class JointStacks:
         return kept[1:]
 
     def _local(self, stack: Stack) -> Image:
-        """Take a stack to the frame of the fit."""
+        """Move a stack to the frame of the fit by its initial motion."""
         to_frame = np.linalg.inv(self.frame) @ np.linalg.inv(stack.motion)
         return Image(stack.image.array, to_frame @ stack.image.ijk_to_ras)
 
     def _motion(self, stack: Stack, found: Alignment) -> np.ndarray:
-        """Whole motion of a stack, RAS mm."""
+        """Motion of a stack, with its initial motion, RAS mm."""
         return stack.motion @ self.frame @ found.motion @ np.linalg.inv(self.frame)
 
     def _center(self, surface: BSplineSurface) -> np.ndarray:
         """Centre of a surface, (3,) RAS mm."""
         return surface.transformed(self.frame).control_net.reshape(-1, 3).mean(axis=0)
 
-    def _why_not(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
-        """Why a stack is not used, or None."""
+    def _reason_against(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
+        """Reason for not using a stack, or None."""
         if found.view is None or found.common < _LEAST_SEEN:
             return Diagnostic("stack_shows_little", {"share": float(found.common)})
         if found.edge < _LEAST_EDGE or found.cost > _LARGEST_COST_TO_START:
             return Diagnostic("stack_shows_no_edge", {"cost": float(found.cost)})
-        return self._moved_far(stack, found, surface)
+        return self._implausible_motion(stack, found, surface)
 
-    def _moved_far(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
-        """Why a stack is farther away than a patient moves, or None."""
+    def _implausible_motion(self, stack: Stack, found: Alignment, surface: BSplineSurface) -> Diagnostic | None:
+        """Reason against a stack with a motion that is larger than a patient's, or None."""
         motion = self._motion(stack, found)
         away = float(np.linalg.norm(shift_of(motion, self._center(surface))))
         turn = rotation_degrees(motion)
         if away > LARGEST_SHIFT_MM or turn > LARGEST_TURN_DEGREES:
-            return Diagnostic("stack_moved_far", {"shift_mm": away, "turn_degrees": turn})
+            return Diagnostic("stack_implausible_motion", {"shift_mm": away, "turn_degrees": turn})
         return None
 
     def _with_views(self, schedule: Schedule) -> Schedule:
-        """Give the stacks that are used to a schedule."""
-        views = [trusted(found, self._own) for number, found in enumerate(self._found) if self._used(number)]
+        """Add the used stacks to a schedule."""
+        views = [trusted(found, self._first) for number, found in enumerate(self._found) if self._used(number)]
         return replace(schedule, views=tuple(views))
 
 
 def with_stacks(
     schedule: Schedule, surface: BSplineSurface, stacks: Sequence[StackUse], *, points: np.ndarray | None = None
 ) -> Schedule:
-    """Give the stacks that a fit has used to a schedule, where the fit has found them.
+    """Add the stacks that a fit has used to a schedule, with the motions that it has found.
 
     Parameters
     ----------
@@ -331,12 +332,12 @@ def with_stacks(
     used = [stack for stack in stacks if stack.used]
     if not used:
         return schedule
-    own = judged(schedule.sampler, surface, np.eye(4), volumes=schedule.volumes)
+    own = measured(schedule.sampler, surface, np.eye(4), volumes=schedule.volumes)
     views = []
     for stack in used:
         moved = Image(stack.image.array, stack.to_first @ stack.image.ijk_to_ras)
         sampler = surroundings(moved, surface, points=points)
-        found = judged(sampler, surface, np.eye(4), volumes=PartialVolumes(sampler.image))
+        found = measured(sampler, surface, np.eye(4), volumes=PartialVolumes(sampler.image))
         if found.view is not None:
             views.append(trusted(found, own))
     return replace(schedule, views=tuple(views))
@@ -348,5 +349,5 @@ def trusted(found: Alignment, own: Alignment) -> View:
 
 
 def trust_of(found: Alignment, own: Alignment) -> float:
-    """How much a voxel of a stack counts: the less, the more it differs from an edge than the first image, `own`."""
+    """Weight of a stack's voxel relative to the first image's: inversely proportional to the cost."""
     return max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST)

@@ -1,9 +1,9 @@
-"""Motions of several stacks to each other, whatever surface lies between them.
+"""Motions of several stacks relative to each other, by the distances between their edges.
 
-A surface that was fitted to several stacks lies, at each place, at the edge of the one that is sharp there, and
-confirms the motion with which it was fitted. Motions found in turn with it come to rest slowly: those of the demo's
-organs were still off by 0.2 to 0.5 mm. Here the surface is free on each of its normal lines and eliminated from the
-equations (their Schur complement): the edges of the stacks are compared with each other.
+A surface that was fitted to several stacks follows, at each place, the stack that is sharp there, and so confirms the
+motions with which it was fitted. Fitting surface and motions in turn therefore converges slowly: the motions of the
+demo's organs were still wrong by 0.2 to 0.5 mm. Here the position of the surface on each normal line is an unknown that
+is eliminated from the equations (Schur complement), so that the edges of the stacks are compared with each other.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from ..geometry.surface import BSplineSurface
 from .alignment import HOLD, SAMPLES, Alignment
 from .stacks import shift_of
 
-# Weight against a distance between two edges that is the same on all lines: on a part of an organ it looks like a
-# shift. Half of it and two and a half times as much give the same errors on the demo's organs and on a real bladder;
-# without it the stack that shows a third of that bladder is left out.
+# Weight of the squared distance between two edges that is the same on all lines; it must be limited, because on a part
+# of an organ it cannot be distinguished from a translation. Half and two and a half times of it give the same errors on
+# the demo's organs and on a real bladder; without it the stack that shows a third of that bladder is left out.
 _GROWTH = 0.02
-# Distance of an edge from the surface, in widths of the edge, from which on it is taken for another one: Tukey's
-# biweight, with which a motion comes to rest where it started from anywhere within 1 mm and 2 degrees.
+# Distance of an edge from the surface, in widths of the edge, at which Tukey's biweight becomes 0. With it a motion
+# converges from anywhere within 1 mm and 2 degrees.
 _FARTHEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class RelativeMotions:
-    """Motions of k further stacks beside the first one.
+    """Motions of k further stacks relative to the first one.
 
     Parameters
     ----------
     motions : list of k (4, 4) ndarray
         mm.
     moved : float
-        How far they are from those before, root mean square over the surface, mm.
+        Largest change of a motion, as root mean square displacement over the surface, mm.
     deviations : (k, 2) ndarray
-        Standard deviations of each turn (degrees) and of each displacement of the surface's centre (mm), as far as the
-        edges of the stacks are apart from each other after these motions.
+        Standard deviations of each rotation (degrees) and of each displacement of the surface's centre (mm), from the
+        distances that remain between the edges of the stacks.
     """
 
     motions: list[np.ndarray]
@@ -51,16 +51,16 @@ class RelativeMotions:
 def relative_motions(
     surface: BSplineSurface, alignments: Sequence[Alignment], trusts: Sequence[float]
 ) -> RelativeMotions:
-    """Find how further stacks have moved beside the first one, by the edges of all of them.
+    """Improve the motions of further stacks relative to the first one, by the edges of all stacks.
 
     Parameters
     ----------
     surface : BSplineSurface
         Near the edges.
     alignments : sequence of 1 + k Alignment
-        Of the surface in the first stack, which has no motion, and in the further ones.
+        Of the surface in the first stack, with the identity as motion, and in the further ones.
     trusts : sequence of 1 + k float
-        How much a voxel of each counts.
+        Weight of a voxel of each stack.
 
     Returns
     -------
@@ -69,10 +69,10 @@ def relative_motions(
     Notes
     -----
     Least squares: the sum of w_i (o_i - n' A m_i - g_i - s)^2 over all stacks i and normal lines is minimised over the
-    place s of the surface on each line and seven unknowns of each further stack. There o is the offset of its edge, w
-    its weight, and A m the displacement of the line's point by six of them; g is a distance between both edges that is
-    the same on all lines, so that pixels of another size, or an organ that is a little fuller, do not turn it. All of
-    them are 0 for the first stack. To first order in the motion; repeat it from those that are found.
+    position s of the surface on each line and seven unknowns of each further stack, six for m and one for g. Here o is
+    the offset of the stack's edge, w its weight, and A m the displacement of the line's point by a small motion m. g is
+    the same on all lines; without it, another pixel size or a fuller organ would turn the stack. m and g of the first
+    stack are 0. The equations are of first order in the motion, so call the function again with the result.
     """
     u, v = surface.midpoints(*SAMPLES)
     points, normals = surface.points(u, v), surface.normals(u, v)
@@ -101,18 +101,18 @@ def relative_motions(
 def _equations(
     weights: np.ndarray, offsets: np.ndarray, along: np.ndarray, held: np.ndarray, before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make the normal equations of the seven unknowns of each further stack, after the surface is eliminated.
+    """Make the normal equations for the seven unknowns of each further stack, with the surface eliminated.
 
     Parameters
     ----------
     weights, offsets : (1 + k, n) ndarray
         Of each stack's edge on each line.
     along : (n, 7) ndarray
-        Displacement of an edge by each unknown.
+        Displacement of an edge along the line by each unknown.
     held : (6, 6) ndarray
-        Mean squared displacement of the surface by the first six.
+        Quadratic form of the mean squared displacement of the surface by the first six unknowns.
     before : (k, 6) ndarray
-        Motions so far.
+        Unknowns of the motions so far.
 
     Returns
     -------
@@ -136,17 +136,17 @@ def _equations(
 
 
 def _variance(weights: np.ndarray, offsets: np.ndarray, moved: np.ndarray) -> float:
-    """Variance of an edge of weight 1 by how far edges are apart after they were moved; all of shape (1 + k, n)."""
+    """Variance of an edge's offset at weight 1, from the distances between the moved edges; arrays (1 + k, n)."""
     total = np.maximum(weights.sum(axis=0), 1e-300)
-    left = offsets - moved
-    left = left - (weights * left).sum(axis=0) / total
-    # How much a line shows of differences: little where one stack alone shows the edge.
+    residuals = offsets - moved
+    residuals = residuals - (weights * residuals).sum(axis=0) / total
+    # A line's information about differences is small if one stack alone shows the edge there.
     shared = (weights * (1.0 - weights / total)).sum(axis=0)
-    return float((weights * left**2).sum() * (shared**2).sum() / max(shared.sum() ** 2, 1e-300))
+    return float((weights * residuals**2).sum() * (shared**2).sum() / max(shared.sum() ** 2, 1e-300))
 
 
 def _weights(found: Alignment, trust: float) -> np.ndarray:
-    """How exactly each line of a stack shows the place of the edge, (n,), by voxels; 0 where it shows none."""
+    """Weights of a stack's offsets, (n,): in proportion to its voxels; 0 on lines without an edge."""
     if found.view is None:
         return np.zeros_like(found.offsets)
     voxel = found.view.voxel
@@ -155,5 +155,5 @@ def _weights(found: Alignment, trust: float) -> np.ndarray:
 
 
 def _unknowns(motion: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Turn (radians) and shift (mm) of a motion (4, 4) about a centre, (6,)."""
+    """Rotation vector (radians) and translation (mm) of a motion (4, 4) about a centre, (6,)."""
     return np.append(Rotation.from_matrix(motion[:3, :3]).as_rotvec(), shift_of(motion, center))

@@ -1,9 +1,9 @@
-"""A start that boundary points contradict: the organ's shape is looked for again, through the points.
+"""Second separation of an organ, through boundary points that contradict the first fit.
 
-Points that lie far off show that the organ was not separated well: by a threshold that was given, or in an image that
-shows two shapes. The star-shaped surface of least cost that passes the points needs no threshold and nothing of the
-surface before. A fit to its region takes the place of the first one if it comes near the points, although they do not
-pull it, is no other organ, and differs little where there are none. Then the points correct it, see :mod:`.correction`.
+Points far from the surface show that the separation has failed, because of a given threshold, or in an image that shows
+two shapes. Then the star-shaped surface of least cost that passes the points is found; it needs neither a threshold nor
+the first surface. A fit to its region replaces the first fit if it comes near the points without being pulled by them,
+is the same organ, and differs little where there are no points. Then the points correct it, see :mod:`.correction`.
 """
 
 from __future__ import annotations
@@ -20,34 +20,36 @@ from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..segmentation.star_region import shaped_region
 
-# A start may have failed where a point lies farther off than this, mm.
+# The organ is separated again if a point lies farther from the surface than this, mm.
 _FAR_MM = 10.0
-# It has if the fit to another one leaves at most this share of the largest distance. Bladders whose start failed 0.25
-# at most, one found well of which an expert leaves out tumours 0.75 and more.
+# The second fit must reduce the largest distance to at most this share. Bladders with a failed separation had 0.25 at
+# most; a bladder that was found well, but of which an expert leaves out tumours, had 0.75 and more.
 _LEFT = 0.5
-# And that fit differs little where no point is within so many times its distance: all but 5 % of it by less than this
-# share of the largest distance. Bladders whose start failed 0.19 at most, a bent organ with cut ends 0.64.
+# Away from the points, by more than so many times each point's distance, 95 % of the second surface must differ from
+# the first by less than this share of the largest distance. Bladders with a failed separation had 0.19 at most, a bent
+# organ with cut ends 0.64.
 _DISTANCES, _ELSEWHERE = 3.0, 0.35
-# And one of the two surfaces holds this share of the other one, to within so many mm: another organ is not meant. Where
-# a start failed, 0.98 and more; where a point beside a right one led to its neighbour, 0.67 at most.
+# One of the two surfaces must contain this share of the other, with a tolerance in mm; otherwise they are different
+# organs. After a failed separation it was 0.98 and more; where a point beside a correct surface led to the neighbouring
+# organ, 0.67 at most.
 _HELD, _WITHIN_MM = 0.85, 2.0
-# Samples (u, v) of a surface by which that is judged.
+# Number of samples of a surface in u and v for these comparisons.
 _SAMPLES = (32, 20)
 
 
 def contradicted(away: np.ndarray) -> bool:
-    """Whether boundary points at distances (n,), mm, are so far from a surface that its start may have failed."""
+    """Whether boundary points at distances (n,), mm, are so far from a surface that the separation may have failed."""
     return bool(away.max() > _FAR_MM)
 
 
 def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, away: np.ndarray) -> Region | None:
-    """Separate an organ by its shape alone: the star-shaped surface of least cost that passes boundary points.
+    """Separate an organ by the star-shaped surface of least cost that passes boundary points.
 
     Parameters
     ----------
     image : Image
     surface : BSplineSurface
-        Whose start has failed, RAS mm.
+        The surface that the points contradict, RAS mm.
     points : (n, 3) ndarray
         RAS mm.
     away : (n,) ndarray
@@ -56,7 +58,7 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     Returns
     -------
     Region or None
-        None where there is no such surface in the image.
+        None if no such surface is found.
     """
     center = surface.control_net.mean(axis=(0, 1))
     inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
@@ -69,22 +71,22 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
 
 
 def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, away: np.ndarray) -> bool:
-    """Whether a surface that boundary points have not pulled is the better one by them.
+    """Whether the second fit replaces the first one.
 
     Parameters
     ----------
     found, before : BSplineSurface
-        Fitted to another start, and to the one that the points contradict, RAS mm.
+        Surfaces of the second fit, before its correction by the points, and of the first fit, RAS mm.
     points : (n, 3) ndarray
         RAS mm.
     away : (n,) ndarray
-        Their distances from the surface before, mm.
+        Their distances from the first surface, mm.
 
     Returns
     -------
     bool
-        True where it is nearer to the points, holds the one before or is held by it, and is like it where there are no
-        points.
+        True if the second surface is much nearer to the points, contains the first one or is contained by it, and
+        differs little from it away from the points.
     """
     left = np.abs(closest_points(found, points).distances)
     if left.max() > _LEFT * away.max():
@@ -98,6 +100,6 @@ def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, 
 
 
 def _held(surface: BSplineSurface, other: BSplineSurface) -> float:
-    """Share of the places of a surface that lie inside of another one, or little beside it."""
+    """Share of the samples of a surface that lie inside of another one, with a tolerance."""
     places = surface.points(*surface.midpoints(*_SAMPLES))
     return float((closest_points(other, places).distances < _WITHIN_MM).mean())

@@ -1,4 +1,4 @@
-"""A further stack as a fit compares a surface with it: aligned, with its own levels, edge and voxels."""
+"""A further stack in a fit: moved by its motion, with its own grey levels, width of the edge and voxels."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..imaging.sampling import Sampler
 from .options import FitOptions
 from .partial_volumes import PartialVolumes
 from .stages import FurtherImage
-from .virtual_image import IntensityProfile, VirtualImage
+from .virtual_image import IntensityProfile, Shares, VirtualImage
 
-# Samples (u, v) of a surface by which is judged how much of it an image shows.
-_SEEN_AT = (24, 16)
+# Number of samples of a surface in u and v for the share of its area that lies in an image.
+_SAMPLES = (24, 16)
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A further image of the organ, in the frame in which it is fitted.
+    """A further stack of the organ, in the frame of the fit.
 
     Parameters
     ----------
     sampler : Sampler
-        The grey levels around the organ, moved to where the first image shows it.
+        The grey levels around the organ, moved to its place in the first image.
     voxel : (3, 3) ndarray
         Columns are the edges of a voxel, mm.
     inside, outside : float
@@ -34,11 +34,11 @@ class View:
     tau : float
         Width of the edge, mm.
     volumes : PartialVolumes
-        In its voxels, where they lay before the image was moved.
+        In the voxels of the stack before it was moved.
     motion : (4, 4) ndarray
         Rigid: takes the frame of the fit to that of `volumes`.
     trust : float
-        How much a voxel of it counts beside one of the first image.
+        Weight of a voxel, relative to a voxel of the first image.
     """
 
     sampler: Sampler
@@ -51,7 +51,7 @@ class View:
     trust: float = 1.0
 
     def moved(self, motion: np.ndarray) -> View:
-        """Take the image to another place by a rigid motion, (4, 4)."""
+        """Move the image by a rigid motion, (4, 4)."""
         image = self.sampler.image
         moved = Sampler(Image(image.array, motion @ image.ijk_to_ras))
         voxel, to_volumes = motion[:3, :3] @ self.voxel, self.motion @ np.linalg.inv(motion)
@@ -59,23 +59,32 @@ class View:
 
     def seen(self, surface: BSplineSurface) -> float:
         """Share of a surface's area that lies in the image."""
-        u, v = surface.midpoints(*_SEEN_AT)
+        u, v = surface.midpoints(*_SAMPLES)
         area = np.linalg.norm(surface.area_vectors(u, v), axis=1)
         return float(area @ self.sampler.values(surface.points(u, v))[1] / area.sum())
 
     def voxels_along(self, surface: BSplineSurface) -> float:
-        """Count its voxels that lie in a band around a surface, as wide as its edge."""
+        """Count its voxels in a band of width tau around a surface."""
         return self.seen(surface) * surface.area() * self.tau / abs(float(np.linalg.det(self.voxel)))
 
-    def shares_along(self, surface: BSplineSurface, axes, depths, *, within: float) -> np.ndarray:
-        """Share of the image's blur that lies inside a surface, see :meth:`.PartialVolumes.along`."""
+    def shares_along(self, surface: BSplineSurface, axes, depths, *, within: float) -> Shares:
+        """Shares of the levels along the normals of a surface, see :meth:`.PartialVolumes.along`."""
         return self.volumes.along(surface.transformed(self.motion), axes, depths, within=within)
 
     def compared(self, options: FitOptions, *, widening: float, within: float) -> FurtherImage:
-        """Make what a stage compares with this image: a ramp so much wider, partial volumes from within so many mm."""
+        """Make the further image of a stage.
+
+        Parameters
+        ----------
+        options : FitOptions
+        widening : float
+            Width of the ramp, in widths of the edge.
+        within : float
+            Partial volumes are computed again when the surface has moved by more than this, mm.
+        """
         centered = options.profile == "centered"
         profile = IntensityProfile(self.inside, self.outside, widening * self.tau, centered=centered)
-        # Levels that are given are those of the first image.
+        # Given levels are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
         shares = partial(self.shares_along, within=within)
         return FurtherImage(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)

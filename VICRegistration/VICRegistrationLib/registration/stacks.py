@@ -1,14 +1,14 @@
-"""Further stacks of one patient: what a fit is given, and what became of each.
+"""Further stacks of one patient: input of a fit, and what the fit reports about each.
 
-A fit takes the image in which the organ was separated, and any number of further ones::
+A fit takes the image in which the organ was separated, and any number of further images::
 
     fit = vic.fit("sag.nii.gz", seeds, further=["ax.nii.gz", "cor.nii.gz"])
     for stack in fit.stacks:
         print(stack.name, stack.used, stack.translation_mm, stack.rotation_degrees)
 
-The patient moves between two stacks, so that each further one has a rigid motion, found with the surface: see
-:mod:`.alignment`. It belongs to the organ and the stack, for organs also fill and slide. A stack that does not show the
-organ as the first one does is left out, and the reason is given.
+The patient moves between two stacks, so that a rigid motion is found for each further stack, see :mod:`.alignment`. It
+holds for one organ only, because organs also fill and slide. A stack that contradicts the first one is left out, with
+the reason.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ import numpy as np
 from ..imaging.image import Image, as_image
 from ..messages import Diagnostic
 
-# Matrices that differ by less are the same, mm: those of files in single precision and in text.
+# Tolerance for equal matrices, mm, because files store them in single precision or as text.
 _SAME_MM = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """A further image of the organ that is fitted.
+    """A further image of the organ.
 
     Parameters
     ----------
     image : Image or path
         In its own RAS mm, on any grid, in any contrast.
     name : str
-        By which results name it; the name of the file, or a number, if not given.
+        For messages and results; the name of the file, or a number, if not given.
     motion : (4, 4) array_like
-        Where to begin to look for the organ: takes points of the first image to this one, RAS mm. No motion if not
-        given; that of an earlier fit (`StackUse.motion`) to fit again.
+        Initial motion: takes points of the first image to this one, RAS mm. The identity if not given; to fit again,
+        `StackUse.motion` of the earlier fit.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Stack:
 
 @dataclass(frozen=True, eq=False)
 class StackUse:
-    """What became of a further stack in a fit.
+    """Motion and use of a further stack in a fit.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ class StackUse:
     seen : float
         Share of the surface's area that lies in the stack, 0 to 1.
     cost : float
-        Mean squared residual along the surface in this stack, in units of its squared contrast; infinite where it shows
-        no difference between both sides.
+        Mean squared residual along the surface in this stack, in units of its squared contrast; infinite if the stack
+        shows no contrast along the surface.
     translation_sd_mm, rotation_sd_degrees : float
-        Standard deviations of the displacement of the organ's centre and of its rotation, by how far the edges of the
-        stacks are apart from each other along the surface; nan where they were not compared.
+        Standard deviations of the displacement of the organ's centre and of its rotation, estimated from the distances
+        between the edges of the stacks along the surface; nan if these were not compared.
     """
 
     name: str
@@ -116,12 +116,12 @@ class StackUse:
 
     @property
     def to_first(self) -> np.ndarray:
-        """Inverse motion, (4, 4): brings the stack to where the first image shows the organ."""
+        """Inverse motion, (4, 4): takes the stack to the first image."""
         return np.linalg.inv(self.motion)
 
     @property
     def stack(self) -> Stack:
-        """What to give to another fit, which begins with the motion that was found."""
+        """The stack as input of another fit, which starts with the motion that was found."""
         return Stack(self.image, self.name, self.motion)
 
 
@@ -137,7 +137,7 @@ def rotation_degrees(motion: np.ndarray) -> float:
 
 
 def as_stacks(further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Stack, ...]:
-    """Take stacks, images or paths of images as stacks.
+    """Make stacks of stacks, images or paths of images.
 
     Parameters
     ----------
@@ -146,12 +146,12 @@ def as_stacks(further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Sta
     Returns
     -------
     tuple of Stack
-        With images that are read, and names.
+        With images that are read, and with names.
 
     Raises
     ------
     TypeError
-        If one is none of these, or it is not a sequence of them.
+        If an item is none of these, or the argument is not a sequence.
     ValueError
         If a file cannot be read as a volume, or a motion is not rigid.
     """
@@ -168,7 +168,7 @@ def as_stacks(further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Sta
 
 
 def stacks_beside(image: Image, further: Sequence[Stack | Image | str | os.PathLike]) -> tuple[Stack, ...]:
-    """Take stacks as :func:`as_stacks` does, and refuse one that is the first image, or that is given twice.
+    """Make stacks as :func:`as_stacks` does, and refuse a stack that is the first image or was given twice.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def stacks_beside(image: Image, further: Sequence[Stack | Image | str | os.PathL
     TypeError
         As :func:`as_stacks`.
     ValueError
-        As :func:`as_stacks`, or if the same voxels would count twice: the standard deviations would be too small.
+        As :func:`as_stacks`, or if two images have the same voxels: the standard deviations would be too small.
     """
     stacks = as_stacks(further)
     known = [("the first image", image)]
@@ -199,7 +199,7 @@ def stacks_beside(image: Image, further: Sequence[Stack | Image | str | os.PathL
 
 
 def _same(one: Image, other: Image) -> bool:
-    """Whether two images have the same voxels at the same places, in whatever order; files round their matrices."""
+    """Whether two images have the same voxels at the same places, with their axes in any order."""
     if one is other:
         return True
     one, other = one.canonical(), other.canonical()
@@ -208,7 +208,7 @@ def _same(one: Image, other: Image) -> bool:
 
 
 def _checked_motion(motion) -> np.ndarray:
-    """Refuse a motion that is not a rigid one."""
+    """Return a motion as an array; raise an error if it is not rigid."""
     matrix = np.asarray(motion, dtype=float)
     rigid = (
         matrix.shape == (4, 4)
