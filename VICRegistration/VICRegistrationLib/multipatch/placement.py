@@ -30,6 +30,9 @@ _MOST_ROUNDS = 100
 # The iteration starts at the model as it is, and after half a turn about each axis of the patient: it does not find
 # these turns by itself, for instance where front is taken for back.
 _STARTS = [np.diag([*signs, 1.0]) for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
+# Of results whose explained second moments differ by no more than this share, which is rounding, the first is taken: a
+# half turn of balls in a row explains as much as none.
+_EQUAL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +158,9 @@ def place(parents: Mapping[str, BSplineSurface], targets: Mapping[str, SolidMome
         If scale or rotation between the model's organs and the image's are not plausible.
     """
     solids = {name: SolidMoments.of_surface(parents[name]) for name in targets}
-    _, matrix = max((_settled(solids, targets, start) for start in _STARTS), key=lambda found: found[0])
+    found = [_settled(solids, targets, start) for start in _STARTS]
+    least = (1.0 - _EQUAL) * max(explained for explained, _ in found)
+    matrix = next(matrix for explained, matrix in found if explained >= least)
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     degrees = float(np.degrees(Rotation.from_matrix(matrix[:3, :3] / scale).magnitude()))
     _check_similarity(scale, degrees)
