@@ -25,10 +25,10 @@ HEAD = """
 import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from VICRegistrationLib.meshing.process import JobError, Workplace, main
+from VICRegistrationLib.meshing.process import JobError, JobFolder, main
 """
 # Takes the place of gmsh: the worker imports it and initializes it first.
-GMSH = HEAD + "def initialize(**options):\n    place = Workplace(Path(sys.argv[1]))\n    {body}\n    os._exit(0)\n"
+GMSH = HEAD + "def initialize(**options):\n    place = JobFolder(Path(sys.argv[1]))\n    {body}\n    os._exit(0)\n"
 WORKER = HEAD + "def work(place):\n    {body}\nsys.exit(main(work))\n"
 POINTS = "np.array([[0., 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]])"
 RESULT = "place.finish({{'points': {points}, 'tetrahedra': np.array({cells}), 'regions': np.zeros({n}, int)}}, {notes})"

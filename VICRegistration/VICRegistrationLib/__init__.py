@@ -16,8 +16,8 @@ import importlib
 
 __version__ = "0.1.0"
 
-# Public names by the module that holds them. They are imported when they are asked for: SciPy, SimpleITK and VTK take
-# longer to import than this package.
+# Module of each public name. Modules are imported when a name is first used, because importing SciPy, SimpleITK and VTK
+# takes long.
 _MODULES = {
     "BSplineSurface": "geometry.surface",
     "FitOptions": "registration.options",
@@ -42,7 +42,7 @@ __all__ = sorted(_MODULES)  # noqa: PLE0605
 
 
 def __getattr__(name):
-    """Import a public name when it is asked for first (PEP 562)."""
+    """Import a public name at its first use (PEP 562)."""
     if name not in _MODULES:
         msg = f"module '{__name__}' has no attribute '{name}'"
         raise AttributeError(msg)
@@ -52,5 +52,5 @@ def __getattr__(name):
 
 
 def __dir__():
-    """Names of the package, those that were not asked for yet too."""
+    """Return all names of the package, including those that are not imported yet."""
     return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""Functions of the package itself: a fit that runs to its end, a comparison, a surface from a file."""
+"""Functions of the public interface: fits that run to their end, a comparison, a surface from a file."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def fit(
     boundary_points : (n, 3) array_like, optional
         Points that the surface is to pass through, RAS mm.
     further : sequence of Stack, Image or path
-        More stacks of the patient: the surface is fitted to all of them at once, and the motion between them found
-        with it. What became of each is `OrganFit.stacks`.
+        More stacks of the patient. The surface is fitted to all of them together, and the motion between them is
+        estimated; how each was used is in `OrganFit.stacks`.
     on_step : callable, optional
         Called with every step of the fit: stage, iteration, cost, displacement, surface. To stop between two steps,
         iterate over :func:`.registration.organ.fit_organ` instead.
     **choices
-        Options of :class:`FitOptions`, such as ``net=(9, 7)``; they count before those of `options`.
+        Single options of :class:`FitOptions`, such as ``net=(9, 7)``; they replace those of `options`.
 
     Returns
     -------
@@ -158,12 +158,12 @@ def refit(
     ----------
     image : Image or path
     surface : BSplineSurface or path
-        A closed organ near its edge, RAS mm.
+        Surface of a closed organ, near the organ's edge in the image, RAS mm.
     options, boundary_points, further, on_step, **choices
-        As for :func:`fit`; net and closure are those of the surface. With boundary points the surface moves in their
-        surroundings only.
+        As for :func:`fit`; net and closure are those of the surface. With boundary points, the surface moves only
+        around them.
     region : Region, optional
-        What the surface was fitted to before; it is only handed on.
+        Region that the surface was fitted to before; it is only passed to the result.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def fit_model(
     further: Sequence[Stack | Image | str | os.PathLike] | Mapping[str, Sequence] = (),
     on_step: Callable[[JointStep], None] | None = None,
 ) -> ModelFit:
-    """Fit a generic model of several organs, and carry along what the image does not show.
+    """Fit a generic model of several organs, and move the parts that the image does not show along with them.
 
     Parameters
     ----------
@@ -214,13 +214,13 @@ def fit_model(
         Points inside each organ, RAS mm, or its region, by the organs' names in the model: at least two. Organs of the
         model that are not given are predicted from the others.
     model : MultiPatchModel or path
-        Or the name of one that ships, see :func:`find_model`.
+        A model, its file, or the name of one that ships, see :func:`find_model`.
     options : mapping of str to FitOptions, optional
-        Of some or all of the organs; net, closure and generic model are those of the model.
+        Options of some or all organs; net, closure and generic model are those of the model.
     landmarks : mapping of str to (3,) array_like, optional
-        Where landmarks of the model are in the image, RAS mm.
+        Positions of landmarks of the model in the image, RAS mm.
     further : sequence of Stack, Image or path, or mapping of str to such sequences, optional
-        More stacks of the patient, of all organs or of each; see :class:`Stack`.
+        More stacks of the patient, for all organs or for each; see :class:`Stack`.
     on_step : callable, optional
         Called with every step of the fit: stage, iteration, cost, displacement, surfaces. To stop between two steps,
         iterate over :func:`.multipatch.fit.fit_model` instead.
@@ -232,7 +232,7 @@ def fit_model(
     Raises
     ------
     ValueError
-        If an organ cannot be separated, organs, options or landmarks do not fit the model, or the image is of another
+        If an organ cannot be separated, organs, options or landmarks do not fit the model, or the image has another
         unit or frame.
 
     Examples
@@ -285,7 +285,7 @@ def compare(
     surface : BSplineSurface or path
         Closed, RAS mm.
     reference : BSplineSurface, ReferenceMesh or path
-        Another surface; or a file with a surface, a mesh, or labels of an expert on any grid.
+        Another surface, or a file with a surface, a mesh, or a label image on any grid.
     label : int or str, optional
         Value or name of the organ's label, for a file with several.
     **choices
@@ -298,7 +298,7 @@ def compare(
     Raises
     ------
     ValueError
-        If one of both is open or has no volume, or the file holds no reference.
+        If surface or reference is open or has no volume, or the file holds no reference.
 
     Examples
     --------
@@ -368,7 +368,7 @@ def read_surface(path: str | os.PathLike) -> BSplineSurface:
 
 
 def _as_surface(surface: object) -> BSplineSurface:
-    """Return a surface as it is, or read it from its file; anything else is an error."""
+    """Return a surface, or read it from its file."""
     if isinstance(surface, (str, os.PathLike)):
         return read_surface(surface)
     if not isinstance(surface, BSplineSurface):
@@ -381,7 +381,7 @@ def _as_surface(surface: object) -> BSplineSurface:
 
 
 def _options(options: FitOptions | None, choices: dict) -> FitOptions:
-    """Put single choices in place of those of the options."""
+    """Replace single options by choices."""
     known = [field.name for field in fields(FitOptions)]
     unknown = [name for name in choices if name not in known]
     if unknown:

@@ -1,7 +1,7 @@
 """The demonstration: ``python -m VICRegistrationLib.demo DIR`` fits three organs in a synthetic pelvic MRI.
 
-It paints an MRI whose organs are known exactly, fits them from seeds as ``vic-registration fit`` does, prints how
-far the fitted surfaces are from the true ones, and writes them as exact STEP solids and as one mesh of tetrahedra.
+It paints an MRI with known organs, fits them from seeds as ``vic-registration fit`` does, prints the deviations from
+the true surfaces, and writes the fitted ones as exact STEP solids and as one mesh of tetrahedra.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def run_demo(directory: Path) -> Path:
     Parameters
     ----------
     directory : Path
-        Gets the folders ``phantom``, ``organs`` (with the exact solids as STEP files) and ``mesh``.
+        Parent of the folders ``phantom``, ``organs`` (with the exact solids as STEP files) and ``mesh``.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def run_demo(directory: Path) -> Path:
 
 
 def _references(truths: Mapping[str, BSplineSurface], folder: Path) -> dict[str, OrganReference]:
-    """Take true surfaces as references, under the names of their files."""
+    """Make references of the true surfaces, with the paths of their files."""
     return {
         name: OrganReference(ReadReference(truth, "surface"), folder / f"{name}.json") for name, truth in truths.items()
     }
@@ -89,7 +89,7 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
     try:
         mesh = mesh_organs(solids, MeshOptions(size=MESH_SIZE_MM))
     except MeshingError as error:
-        # Everything else is there: gmsh may not be installed, or miss a library of the system.
+        # The demo goes on: gmsh may not be installed, or lack a system library.
         print(f"No mesh: {error}")
         return
     with replacing_folder(directory) as drafts:
@@ -103,7 +103,7 @@ def _write_mesh(organs: Sequence[FittedOrgan], directory: Path) -> None:
 
 
 def deviation_table(organs: Sequence[FittedOrgan], truths: Mapping[str, BSplineSurface]) -> str:
-    """Table of deviations, volumes and times.
+    """Make a table of deviations, volumes and times.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        The folder; that of the process if not given.
+        The folder; by default the arguments of the process.
 
     Returns
     -------

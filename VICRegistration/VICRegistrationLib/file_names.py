@@ -1,4 +1,4 @@
-"""Names that become names of files."""
+"""Checks of names that become names of files."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import unicodedata
 
 _FORBIDDEN = '<>:"/\\|?*'
 _LONGEST_NAME = 100
-# Of file systems, in bytes; the longest ending of an organ's files is _convergence.csv.
+# Most bytes of a file name, and those of the longest ending of an organ's files.
 _LONGEST_FILE_NAME, _LONGEST_ENDING = 255, len("_convergence.csv")
-# report.json, overview.png, organs.step and model.json are written beside the organs' files.
+# Names of the files for all organs: report.json, overview.png, organs.step and model.json.
 _RESERVED = ("report", "overview", "organs", "model")
-# Windows takes these for devices, whatever the ending.
+# Names of devices on Windows, with any suffix.
 _DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(10)))
 
 
@@ -43,7 +43,7 @@ def organ_name(value: object) -> str:
 
 
 def file_key(name: str) -> str:
-    """Name by which file systems that ignore case or the spelling of accents distinguish files."""
+    """Return a key that is equal for names of one file where case and the encoding of accents do not matter."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 

@@ -1,4 +1,4 @@
-"""Writing files and folders completely or not at all. Knows nothing of the rest of the library."""
+"""Writing files and folders completely or not at all. Imports only :mod:`.transactions`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .transactions import DRAFTS, commit, recover, to_disk, work_folder
 
 
 def keep_inputs(targets: Iterable[str | os.PathLike], inputs: Iterable[str | os.PathLike]) -> None:
-    """Refuse results that would replace what is read.
+    """Refuse results that would replace inputs.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def keep_inputs(targets: Iterable[str | os.PathLike], inputs: Iterable[str | os.
     Raises
     ------
     ValueError
-        If two of them are one file, by whatever name.
+        If a target and an input are the same file, under any name.
     """
     inputs = list(inputs)
     for target in targets:
@@ -36,7 +36,7 @@ def keep_inputs(targets: Iterable[str | os.PathLike], inputs: Iterable[str | os.
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
-    """Write a file under a draft's name and put it in its place at the end.
+    """Write a draft of a file, and move it to its place at the end.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     Yields
     ------
     Path
-        Where to write: a file of the same name in a folder of its own beside the target.
+        The draft: a file of the same name in a temporary folder beside the target.
 
     Raises
     ------
@@ -82,16 +82,16 @@ def write_json(path: str | os.PathLike, content: object) -> None:
 
 @contextlib.contextmanager
 def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ()) -> Iterator[Path]:
-    """Write several files into a draft folder and put all of them in their place at the end.
+    """Write several files into a draft folder, and move all of them to their places at the end.
 
     Parameters
     ----------
     folder : path
-        Folder for the files. It is made if there is none; if there is one, its other files stay, and files of the same
-        name are replaced.
+        Folder for the files. It is made if it does not exist. Existing files of the same names are replaced, others
+        stay.
     outdated : sequence of str
-        Names of its files that are removed when the new ones are put in their place. Looked at then: what is added to a
-        list in the meantime counts.
+        Names of files in it that are removed when the new ones are moved. The list is read then, so that it may grow
+        within the block.
 
     Yields
     ------
@@ -101,9 +101,9 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
     Raises
     ------
     OSError
-        If the folder cannot be written to, which is found out before anything is yielded, or the files cannot be put in
-        their place. Whatever ends the block early (an error, Ctrl-C), `folder` is left as it was; if the process is
-        killed, it holds all old files or all new ones, see :mod:`.transactions`.
+        If the folder cannot be written to, which is checked before the block, or the files cannot be moved. If an error
+        or Ctrl-C ends the block, `folder` is left as it was. If the process is killed, it has all old files or all new
+        ones, see :mod:`.transactions`.
     """
     folder = Path(folder)
     beside = _nearest_folder(folder)
@@ -120,7 +120,7 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
         try:
             yield drafts
         except OSError as error:
-            # The user knows the folder asked for, not the draft's.
+            # The user does not know the folder of the drafts.
             msg = str(error).replace(str(drafts), str(folder))
             raise OSError(msg) from error
         try:
@@ -137,7 +137,7 @@ def replacing_folder(folder: str | os.PathLike, *, outdated: Sequence[str] = ())
 
 
 def check_writable(folder: str | os.PathLike) -> None:
-    """Refuse a folder that files cannot be written into, before the work.
+    """Refuse a folder into which files cannot be written.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def check_writable(folder: str | os.PathLike) -> None:
     Raises
     ------
     OSError
-        If it, or the first of its parents that exists, is no folder or cannot be written to.
+        If it, or its nearest existing parent, is no folder or cannot be written to.
     """
     beside = _nearest_folder(Path(folder))
     try:
@@ -159,13 +159,13 @@ def check_writable(folder: str | os.PathLike) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Reason of an error in one line, without numbers and paths where the system gives them apart."""
+    """Return the reason of an error in one line; for errors of the system without number and path."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return " ".join(text.split()).rstrip(".;:")
 
 
 def _nearest_folder(folder: Path) -> Path:
-    """Find the folder itself if there is one, else the first of its parents that exists."""
+    """Return a folder if it exists, else its nearest existing parent."""
     existing = folder
     while not (existing.exists() or existing.is_symlink()) and existing != existing.parent:
         existing = existing.parent
@@ -176,7 +176,7 @@ def _nearest_folder(folder: Path) -> Path:
 
 
 def _move_folder(work: Path) -> None:
-    """Put a new folder in its place with all that is in it: one step, unless somebody has made it in the meantime."""
+    """Move a new folder to its place in one step; if it exists by now, move its files."""
     (new,) = (work / DRAFTS).iterdir()
     target = work.parent / new.name
     if os.path.lexists(target):

@@ -1,4 +1,4 @@
-"""JSON files with a schema that lose no bit: a key of the outer object in each line, RAS mm."""
+"""JSON files with a schema, which store numbers exactly; RAS mm, one key of the outer object in each line."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ _FRAME_AND_UNIT = {"frame": "RAS", "unit": "mm"}
 
 
 def json_text(content: Mapping[str, object]) -> str:
-    """Text of a file, with as many digits of each number as bring the same double back.
+    """Return the text of a file, with enough digits that each number is read as the same double.
 
     Parameters
     ----------
     content : mapping of str to object
-        Without numbers that are not finite.
+        All numbers must be finite.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def file_bytes(path: Path, *, kind: str) -> bytes:
     ----------
     path : Path
     kind : str
-        What the file is to hold, for messages: "surface".
+        Kind of content, for messages: "surface".
 
     Returns
     -------
@@ -53,7 +53,7 @@ def file_bytes(path: Path, *, kind: str) -> bytes:
 def checked_content(
     text: str | bytes, where: str, *, kind: str, schema: str, version: int, keys: Sequence[str] = ()
 ) -> dict[str, object]:
-    """Parse the text of a file, and refuse everything but one schema, version, frame and unit, with all keys once.
+    """Parse the text of a file; refuse another schema, version, frame or unit, and missing or repeated keys.
 
     Parameters
     ----------
@@ -61,11 +61,11 @@ def checked_content(
     where : str
         What holds it, for messages: "file bladder.json".
     kind : str
-        What it is to hold: "surface".
+        Kind of content, for messages: "surface".
     schema : str
     version : int
     keys : sequence of str
-        That must be there; those of frame and unit must be "RAS" and "mm".
+        Required keys. If "frame" and "unit" are among them, their values must be "RAS" and "mm".
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Colours of organs: the same in Slicer, in pictures, in STEP files and in reports."""
+"""Colours of organs, for Slicer, pictures, STEP files and reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OTHER_COLOURS = ("#3f9be0", "#e8743b", "#35b8b1", "#b58a5b")
 
 
 def organ_colours(names: Sequence[str]) -> dict[str, str]:
-    """Give each organ its colour: the usual one of its name, or the next of a few others.
+    """Return the colour of each organ: that of its name, or the next one of a few others.
 
     Parameters
     ----------
@@ -27,6 +27,6 @@ def organ_colours(names: Sequence[str]) -> dict[str, str]:
 
 
 def rgb(colour: str) -> tuple[float, float, float]:
-    """Red, green and blue of "#rrggbb", from 0 to 1."""
+    """Return red, green and blue of "#rrggbb", from 0 to 1."""
     red, green, blue = (int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5))
     return red, green, blue

@@ -1,7 +1,7 @@
-"""Formats that a surface can be saved in, by the ending of the file's name.
+"""File formats of surfaces, by the suffix.
 
-``BSplineSurface.save`` looks here for what writes a format. So that `geometry` imports nothing of `export`, a writer's
-module is imported when it is asked for.
+``BSplineSurface.save`` finds the function that writes a format here. Modules are named, not imported, because
+`geometry` must not import `export`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-# Module and function by the ending with its dot, in lower case.
+# Module and function by the suffix in lower case.
 _WRITERS = {
     ".json": ("geometry.surface_file", "write_surface"),
     **dict.fromkeys((".step", ".stp"), ("export.step", "write_step_surface")),
@@ -20,7 +20,7 @@ _WRITERS = {
 
 
 def writer_of(path: str | os.PathLike) -> Callable[..., None]:
-    """Find what writes a file.
+    """Return the function that writes a file.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def writer_of(path: str | os.PathLike) -> Callable[..., None]:
     Raises
     ------
     ValueError
-        If no format has that ending.
+        If no format has that suffix.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:

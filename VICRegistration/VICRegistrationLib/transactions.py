@@ -1,17 +1,17 @@
-"""Changes of a folder that happen completely or not at all, even if the process is killed or the power fails.
+"""Changes of a folder that are made completely or not at all, even if the process is killed or the power fails.
 
-A change has a hidden work folder in the folder that it changes:
+A change uses a hidden work folder in the folder that it changes:
 
 ================ ===================================================================================================
-``owner``        a file that is locked as long as the process lives that makes the change
-``drafts/``      the files to come; all of them are on the disk before the first is moved
+``owner``        a file that the process locks until it ends
+``drafts/``      the new files; all of them are on the disk before the first is moved
 ``backups/``     hard links (copies where there are none) to the files that are replaced or removed
-``journal.json`` exists only while files are moved; with it, `roll_back` brings the old files back
+``journal.json`` exists only while files are moved; `roll_back` restores the old files by it
 ================ ===================================================================================================
 
-The change is made when the journal is removed. Whoever uses the folder next calls `recover`: if the owner of a work
-folder is dead, its journal is rolled back and the rest of it removed. So the folder holds all old files or all new
-ones. Knows nothing of the rest of the library.
+The change is complete when the journal is removed. The next process that uses the folder calls `recover`: it rolls back
+the journal of a work folder whose process has ended, and removes that folder. So the folder has all old files or all
+new ones. This module imports nothing of the library.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-# Hidden, so that nobody takes what a killed process left behind for a result.
+# Hidden, so that nobody takes files of a killed process for results.
 _PREFIX = ".vic-"
 DRAFTS = "drafts"
 _OWNER, _BACKUPS, _JOURNAL, _LOCK = "owner", "backups", "journal.json", f"{_PREFIX}lock"
-# A work folder without an owner that is older than this, s, is not one that is just being made.
+# A work folder without an owner's file was abandoned if it is older than this, s; a younger one may just be made.
 _ABANDONED_S = 60.0
 
 
@@ -40,7 +40,7 @@ def work_folder(beside: Path) -> Iterator[Path]:
     Parameters
     ----------
     beside : Path
-        The folder to make it in, which must exist. What killed processes left there is recovered first.
+        The folder to make it in, which must exist. Changes of killed processes there are recovered first.
 
     Yields
     ------
@@ -57,29 +57,29 @@ def work_folder(beside: Path) -> Iterator[Path]:
     try:
         with (work / _OWNER).open("wb") as owner:
             _locked(owner, wait=False)
-            # A folder of its own, with the usual permissions.
+            # With the usual permissions, unlike the folder of mkdtemp.
             (work / DRAFTS).mkdir()
             yield work
     finally:
-        # A journal is still there only if it could not be rolled back: the next `recover` tries again.
+        # A journal remains only if it could not be rolled back: the next `recover` tries again.
         if not (work / _JOURNAL).exists():
             _remove(work)
 
 
 def commit(work: Path, *, outdated: Sequence[str] = ()) -> None:
-    """Move the drafts of a work folder into the folder around it, and remove other files from there.
+    """Move the drafts of a work folder into its parent folder, and remove outdated files there.
 
     Parameters
     ----------
     work : Path
         From `work_folder`.
     outdated : sequence of str
-        Names of files to remove; those that are not there, or among the drafts, do not count.
+        Names of files to remove; those that do not exist, or are among the drafts, are ignored.
 
     Raises
     ------
     OSError
-        If a file cannot be moved. Then, and if anything else ends it early, the folder is left as it was.
+        If a file cannot be moved. After this and any other error the folder is as it was.
     """
     folder, drafts = work.parent, work / DRAFTS
     entries = sorted(drafts.rglob("*"))
@@ -115,17 +115,17 @@ def commit(work: Path, *, outdated: Sequence[str] = ()) -> None:
 
 
 def roll_back(work: Path) -> None:
-    """Bring back the files that a change has replaced or removed, if it did not come to its end.
+    """Restore the files that an incomplete change has replaced or removed.
 
     Parameters
     ----------
     work : Path
-        A work folder. Without a journal nothing happens, and twice is as good as once.
+        A work folder; nothing happens if it has no journal. The call may be repeated.
 
     Raises
     ------
     OSError
-        If a file cannot be brought back; the journal stays.
+        If a file cannot be restored; the journal stays.
     """
     journal = work / _JOURNAL
     if not journal.exists():
@@ -133,7 +133,7 @@ def roll_back(work: Path) -> None:
     content = json.loads(journal.read_text(encoding="utf-8"))
     folder = work.parent
     for name in content["new"]:
-        # What is still a draft is not what has this name in the folder.
+        # If the draft still exists, the file of this name in the folder is another one.
         if not (work / DRAFTS / name).exists():
             (folder / name).unlink(missing_ok=True)
     for name in content["saved"]:
@@ -147,17 +147,17 @@ def roll_back(work: Path) -> None:
 
 
 def recover(folder: str | os.PathLike) -> None:
-    """Roll back what killed processes left half done in a folder, and remove their drafts.
+    """Roll back incomplete changes of killed processes in a folder, and remove their drafts.
 
     Parameters
     ----------
     folder : path
-        If there is none, nothing happens. Work folders of processes that live are left alone.
+        Nothing happens if it does not exist. Work folders of running processes are left alone.
 
     Raises
     ------
     OSError
-        If a file cannot be brought back.
+        If a file cannot be restored.
     """
     if not os.path.isdir(folder):
         return
@@ -172,14 +172,14 @@ def recover(folder: str | os.PathLike) -> None:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path, *, on_wait: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Let no other process into the same block for a folder, for whoever reads files there and writes them anew.
+    """Lock a folder against the same block in other processes, to read its files and write them again.
 
     Parameters
     ----------
     folder : Path
-        Is made if there is none, and removed at the end if it is empty then.
+        It is made if it does not exist, and removed at the end if it is empty.
     on_wait : callable
-        Called if another process has to be waited for.
+        Called if another process has the lock.
 
     Raises
     ------
@@ -194,11 +194,11 @@ def one_at_a_time(folder: Path, *, on_wait: Callable[[], None] = lambda: None) -
             try:
                 yield
             finally:
-                # Before it is unlocked: who waits for it sees that it is gone, and makes a new one.
+                # Before it is unlocked: a waiting process sees that the file is gone, and makes a new one.
                 with contextlib.suppress(OSError):
                     path.unlink()
     finally:
-        # Windows removes no file that is open.
+        # Windows does not remove open files, so the lock's file may still exist.
         recover(folder)
         for new in made:
             with contextlib.suppress(OSError):
@@ -207,7 +207,7 @@ def one_at_a_time(folder: Path, *, on_wait: Callable[[], None] = lambda: None) -
 
 @contextlib.contextmanager
 def _own_lock(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Make a file and lock it; again if it was removed in the meantime."""
+    """Make a file and lock it; repeat that if the file was removed in the meantime."""
     while True:
         with path.open("ab") as file:
             if not _locked(file, wait=False):
@@ -219,10 +219,10 @@ def _own_lock(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
 
 
 def _remove_lock(path: Path) -> None:
-    """Remove the file of a lock that nobody has any more."""
+    """Remove the file of a lock that no process has."""
     with contextlib.suppress(OSError), path.open("ab") as file:
         if _locked(file, wait=False):
-            # Who waits for it sees that it is gone, and makes a new one.
+            # A waiting process sees that the file is gone, and makes a new one.
             path.unlink()
 
 
@@ -238,13 +238,13 @@ def _locked(file, *, wait: bool) -> bool:
 
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError as error:
-        # Some network drives have no locks; what cannot be known is taken to be in use.
+        # Some network drives have no locks; then a file is taken to be in use.
         return wait and not isinstance(error, BlockingIOError)
     return True
 
 
 def _recover_one(work: Path) -> None:
-    """Recover a work folder if its owner is dead."""
+    """Recover a work folder if its process has ended."""
     try:
         with (work / _OWNER).open("r+b") as owner:
             if not _locked(owner, wait=False):
@@ -256,20 +256,20 @@ def _recover_one(work: Path) -> None:
                 work.rmdir()
         return
     except PermissionError:
-        # Another user's.
+        # It belongs to another user.
         return
     _remove(work)
 
 
 def _remove(work: Path) -> None:
-    """Remove a work folder, the owner's file last: without it, nobody knows that the owner is dead."""
+    """Remove a work folder, the owner's file last: it shows whether the process has ended."""
     for name in (DRAFTS, _BACKUPS):
         shutil.rmtree(work / name, ignore_errors=True)
     shutil.rmtree(work, ignore_errors=True)
 
 
 def _write_journal(work: Path, **names: Sequence[Path]) -> None:
-    """Write the journal, with everything that it needs on the disk before it."""
+    """Write the journal, after all backups are on the disk."""
     if (work / _BACKUPS).exists():
         for path in (work / _BACKUPS).rglob("*"):
             to_disk(path)
@@ -282,7 +282,7 @@ def _write_journal(work: Path, **names: Sequence[Path]) -> None:
 
 
 def _back_up(path: Path, backup: Path) -> None:
-    """Give a file a second name; copy it where the file system cannot."""
+    """Make a hard link to a file, or a copy where the file system has no links."""
     backup.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(path, backup, follow_symlinks=False)
@@ -291,7 +291,7 @@ def _back_up(path: Path, backup: Path) -> None:
 
 
 def to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk and not only in memory.
+    """Wait until a file, or the entries of a folder, are on the disk.
 
     Parameters
     ----------
@@ -300,11 +300,11 @@ def to_disk(path: Path) -> None:
     Raises
     ------
     OSError
-        If they cannot be written there.
+        If they cannot be written.
     """
     if path.is_symlink():
         return
-    # Windows opens no folders; it wants to write to what it is to flush.
+    # Windows cannot open folders, and flushes only files that are open for writing.
     if os.name == "nt" and path.is_dir():
         return
     number = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)

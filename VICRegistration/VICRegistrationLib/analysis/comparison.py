@@ -16,28 +16,28 @@ from ..geometry.volume_fractions import Box
 from .distances import Deviation, Reference, points_on, signed_distances, signed_to_surface
 from .reference_meshes import ReferenceMesh, closed_mesh
 
-# Samples along each edge of the box in which volumes are counted, and the chord error of the triangles that they are
-# counted in, as a fraction of the size of the surface: together they put the Dice coefficient off by less than 0.001.
+# Samples along each edge of the box in which volumes are counted, and chord error of the triangles, as a share of the
+# size of the surface: the error of the Dice coefficient by both is less than 0.001.
 _SAMPLES = 96
 _CHORD_ERROR = 1e-4
-# Turns of the box about its axes, radians: a label's flat faces must not lie in one layer of samples.
+# Rotation of the box about its axes, radians, so that flat faces of a label do not lie in one layer of samples.
 _TURNS = (0.4, 0.7, 1.1)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A fitted surface beside a reference.
+    """Comparison of a fitted surface with a reference.
 
     Parameters
     ----------
     to_surface : Deviation
-        From points of the reference to the exact fitted surface: the paper's way (table 2).
+        From points of the reference to the exact fitted surface, as in table 2 of the paper.
     to_reference : Deviation
         From points of the fitted surface to the reference.
     hausdorff : float
-        Largest distance of both ways, mm.
+        Largest distance in both directions, mm.
     surface_dice : tuple of (tolerance, share)
-        Share of the area of both surfaces, from 0 to 1, that is no farther from the other one than the tolerance in mm.
+        Share of the area of both surfaces, from 0 to 1, within the tolerance (mm) from the other one.
     volume_dice : float
         Twice the common volume over the sum of both, from 0 to 1.
     volume_ml, reference_ml : float
@@ -76,11 +76,11 @@ def compare(
     surface : BSplineSurface
         Closed, RAS mm.
     reference : BSplineSurface, TriangleMesh or ReferenceMesh
-        Closed, RAS mm. One that is inside out, like the surface, is turned.
+        Closed, RAS mm. Inward normals, of the surface too, are reversed.
     n_points : int
         Number of points of each surface, spread evenly over its area.
     tolerances : sequence of float
-        Of the surface Dice, mm.
+        Tolerances of the surface Dice, mm.
 
     Returns
     -------
@@ -94,9 +94,9 @@ def compare(
     Notes
     -----
     Distances to a B-spline surface are those to the exact surface, distances to a mesh those to its triangles. The
-    largest distance is that of the points. Surface Dice after Nikolov et al. (arXiv 1809.04430, 2018), here by points
-    instead of surface elements: the standard error of 10,000 points is 0.005 at most. Volume Dice by counting samples
-    of a lattice, within 0.001; volumes are exact.
+    largest distance is the maximum over the points. The surface Dice is that of Nikolov et al. (arXiv 1809.04430,
+    2018), with points instead of surface elements: the standard error for 10,000 points is at most 0.005. The volume
+    Dice is counted on a lattice, within 0.001; volumes are exact.
     """
     _check_tolerances(tolerances)
     surface, reference = _outward(surface), _sound(reference)
@@ -121,7 +121,7 @@ def compare(
 
 
 def distances_from(reference: Reference, points: np.ndarray) -> np.ndarray:
-    """Signed distances of points from a reference, such as vertices that are to be coloured.
+    """Compute signed distances of points from a reference.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def distances_from(reference: Reference, points: np.ndarray) -> np.ndarray:
 
 
 def _outward(surface: BSplineSurface) -> BSplineSurface:
-    """Turn the normals of a closed surface outward."""
+    """Return a closed surface with outward normals."""
     if not surface.closed:
         msg = "The surface is open; inside and outside need a closed one (a seam and two poles, or two seams)."
         raise ValueError(msg)
@@ -159,7 +159,7 @@ def _outward(surface: BSplineSurface) -> BSplineSurface:
 
 
 def _sound(reference: Reference) -> BSplineSurface | ReferenceMesh:
-    """Give a reference outward normals, once it is known to be closed."""
+    """Return a reference with outward normals; refuse one that is not closed."""
     return _outward(reference) if isinstance(reference, BSplineSurface) else closed_mesh(reference)
 
 
@@ -182,7 +182,7 @@ def _volume(reference: BSplineSurface | ReferenceMesh) -> float:
 
 
 def triangles_of(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
-    """Triangles whose volumes are counted: those of a mesh, or of a surface."""
+    """Return the triangles of a reference in which volumes are counted."""
     if isinstance(reference, ReferenceMesh):
         return reference
     mesh = triangulate(reference, chord_error=_CHORD_ERROR * reference.size)
@@ -193,12 +193,12 @@ def triangles_of(reference: BSplineSurface | ReferenceMesh) -> ReferenceMesh:
 
 
 def volume_dice(first: ReferenceMesh, second: ReferenceMesh) -> float:
-    """Twice the common volume over the sum of both, counted on one lattice around them.
+    """Return twice the common volume over the sum of both volumes, counted on one lattice.
 
     Parameters
     ----------
     first, second : ReferenceMesh
-        Closed, RAS mm, outward.
+        Closed, RAS mm, outward normals.
 
     Returns
     -------

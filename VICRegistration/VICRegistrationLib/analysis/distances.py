@@ -1,4 +1,4 @@
-"""How far a fitted surface is from the true one: points spread over surfaces, and signed distances from closed ones."""
+"""Distances between a fitted surface and a reference: points spread over surfaces, and signed distances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..geometry.triangles import area_vectors
 from ..geometry.triangulation import TriangleMesh
 from .reference_meshes import ReferenceMesh
 
-# Cells in u and in v within which the area of a surface is taken as evenly spread: it changes by some 1 % across one.
+# Cells in u and in v within which the area element is taken as constant: it changes by about 1 % across one.
 _CELLS = (256, 256)
 
 
@@ -28,12 +28,11 @@ class Deviation:
     Parameters
     ----------
     mean, std, rms, median, p95, maximum : float
-        Of the distance, which is never negative: mean, standard deviation, root of the mean square, median, 95th
-        percentile and largest.
+        Mean, standard deviation, root mean square, median, 95th percentile and maximum of the absolute distance.
     mean_signed : float
         Mean of the signed distance: positive where the fitted surface lies outside of the reference.
     n : int
-        Number of points that were measured at.
+        Number of points.
     """
 
     mean: float
@@ -71,7 +70,7 @@ class Deviation:
         )
 
     def sentence(self) -> str:
-        """Say it in words."""
+        """Return mean, 95th percentile and maximum in words."""
         return (
             f"mean {self.mean:.2f} mm, signed {self.mean_signed:+.2f} mm, 95 % below {self.p95:.2f} mm, "
             f"largest {self.maximum:.2f} mm"
@@ -135,7 +134,7 @@ def signed_to_surface(fitted: BSplineSurface, reference: Reference, n_points: in
 
 
 def points_on(reference: Reference, n_points: int) -> np.ndarray:
-    """Points spread evenly over the area of a reference.
+    """Choose random points, uniformly over the area of a reference.
 
     Parameters
     ----------
@@ -146,7 +145,7 @@ def points_on(reference: Reference, n_points: int) -> np.ndarray:
     Returns
     -------
     (n_points, 3) ndarray
-        RAS mm; the same for the same reference.
+        RAS mm; always the same for the same reference.
 
     Raises
     ------
@@ -160,13 +159,13 @@ def points_on(reference: Reference, n_points: int) -> np.ndarray:
     chosen = triangles[_chosen(np.linalg.norm(area_vectors(points, triangles), axis=1), n_points, random)]
     corner, first, second = (points[chosen[:, number]] for number in range(3))
     a, b = random.random((2, n_points, 1))
-    # The unit square folded onto its lower triangle.
+    # The upper triangle of the unit square is reflected onto the lower one.
     a, b = np.where(a + b > 1.0, 1.0 - a, a), np.where(a + b > 1.0, 1.0 - b, b)
     return corner + a * (first - corner) + b * (second - corner)
 
 
 def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
-    """Signed distances of points from triangles.
+    """Compute signed distances of points from closed triangles.
 
     Parameters
     ----------
@@ -178,12 +177,13 @@ def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
     Returns
     -------
     (n,) ndarray
-        mm to the nearest triangle, positive outside.
+        Distance to the nearest triangle, mm, positive outside.
 
     Notes
     -----
-    VTK's implicit distance: the side follows from the triangle's normal and, where an edge or a corner is nearest, by
-    their normals weighted with the angle, which is right for every closed mesh (Baerentzen and Aanaes, 2005).
+    VTK's implicit distance: the sign follows from the triangle's normal. Where an edge or a corner is nearest, it
+    follows from the normals of its triangles weighted by their angles, which is right for every closed mesh (Baerentzen
+    and Aanaes, 2005).
     """
     points = np.ascontiguousarray(points, dtype=float)
     if not len(points):
@@ -195,7 +195,7 @@ def signed_distances(mesh: ReferenceMesh, points: np.ndarray) -> np.ndarray:
 
 
 def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random.Generator) -> np.ndarray:
-    """Exact points of a surface: cells of its domain chosen by their area, then a place in the cell."""
+    """Choose points of a surface: cells of its domain by their area, then a place in each cell."""
     edges = [np.linspace(low, high, count + 1) for (low, high), count in zip(surface.domain, _CELLS)]
     middles = [(edge[1:] + edge[:-1]) / 2.0 for edge in edges]
     areas = np.linalg.norm(surface.grid_area_vectors(*middles), axis=2)
@@ -205,7 +205,7 @@ def _points_on_surface(surface: BSplineSurface, n_points: int, random: np.random
 
 
 def _chosen(weights: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-    """Numbers of entries chosen with a probability in proportion to their weights."""
+    """Choose indices with probabilities proportional to weights."""
     total = np.cumsum(weights)
     if not len(total) or not total[-1] > 0.0:
         msg = "The reference has no area; give a surface or a mesh with triangles."

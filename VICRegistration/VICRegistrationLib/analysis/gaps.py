@@ -13,18 +13,18 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.triangulation import triangulate
 from ..geometry.volume_fractions import Box
 
-# Surfaces that are nearer to each other than this touch, mm.
+# Surfaces touch if their distance is at most this, mm.
 TOUCH = 1e-3
-# Samples in u and in v from which the extreme distances are looked for; every knot span gets at least four.
+# Samples in u and in v at which the search for extreme distances starts; every knot span gets at least four.
 _SAMPLES = (64, 40)
-# The search ends when the patch of surface that it looks at is as small as this, mm.
+# The search ends when its patch of the surface is as small as this, mm.
 _RESOLUTION = 2e-4
 _STARTS = 6
 _PATCH = 4
 _MAX_ROUNDS = 40
-# The common volume is counted in a box of so many cells along each edge, between triangles that are off by this part of
-# the box's thickness, or of the surface's size: together within 1 % of the formula for balls that overlap by 0.3 mm or
-# more.
+# The common volume is counted in a box with so many cells along each edge. The chord error of the triangles is a share
+# of the box's thickness, but at least a share of the surface's size. The result is within 1 % of the formula for balls
+# that overlap by 0.3 mm or more.
 _CELLS = 96
 _CHORD_ERROR, _LEAST_CHORD_ERROR = 1e-3, 5e-6
 _MAX_SHRINKINGS = 12
@@ -32,12 +32,12 @@ _MAX_SHRINKINGS = 12
 
 @dataclass(frozen=True)
 class Place:
-    """A place of one surface and the place of the other that is closest to it.
+    """A point of one surface and the closest point of the other.
 
     Parameters
     ----------
     distance : float
-        From the one to the other, mm, not negative.
+        Distance between them, mm, not negative.
     points : ((r, a, s), (r, a, s))
         On the first and on the second surface, RAS mm.
     parameters : ((u, v), (u, v))
@@ -51,22 +51,20 @@ class Place:
 
 @dataclass(frozen=True)
 class Gap:
-    """How two organs lie to each other.
+    """Gap or overlap of two organs.
 
     Parameters
     ----------
     first, second : str
         Names of the organs.
     relation : {"apart", "touching", "overlapping", "first inside second", "second inside first", "identical"}
-        Apart, and touching up to 0.001 mm, are organs without a common volume; overlapping are organs whose surfaces
-        cross.
+        Organs that are apart, or touching within 0.001 mm, have no common volume; surfaces of overlapping organs cross.
     nearest : Place
-        Where the surfaces are closest: the gap of organs that are apart, the thinnest place between two of which one is
-        inside the other. Its distance is 0, and the place one of many, where the surfaces cross.
+        Where the surfaces are closest. If they cross, it is one of the crossing points, with the distance 0.
     deepest : Place, optional
-        The place of either surface that lies deepest inside the other organ; None without a common volume.
+        The point of either surface that is deepest inside the other organ; None without a common volume.
     common_volume : float
-        mm^3, 0 if there is none. That of a whole organ is exact, that of an overlap of 0.3 mm or more within 1 %.
+        mm^3, 0 if there is none. Exact if one organ is inside the other, within 1 % for an overlap of 0.3 mm or more.
     """
 
     first: str
@@ -78,11 +76,11 @@ class Gap:
 
     @property
     def distance(self) -> float:
-        """Smallest distance in mm if the organs are apart, 0 if they touch, minus the deepest penetration otherwise."""
+        """Smallest distance if the organs have no common volume, else minus the largest penetration depth; mm."""
         return self.nearest.distance if self.deepest is None else -self.deepest.distance
 
     def __str__(self) -> str:
-        """Say it in a sentence, with the place."""
+        """Return a sentence with the place."""
         place = self.nearest if self.deepest is None else self.deepest
         r, a, s = np.mean(place.points, axis=0)
         where = f"at R {r:.1f}, A {a:.1f}, S {s:.1f} mm"
@@ -111,7 +109,7 @@ def gaps(surfaces: Mapping[str, BSplineSurface]) -> tuple[Gap, ...]:
     Raises
     ------
     ValueError
-        If a surface is open or inside out; the sentence names the organ.
+        If a surface is open or inside out; the message names the organ.
     """
     for name, surface in surfaces.items():
         _check(name, surface)
@@ -142,15 +140,15 @@ def gap(first: BSplineSurface, second: BSplineSurface, *, names: tuple[str, str]
     Notes
     -----
     Distances are those of the exact surfaces: from samples of one surface to their closest points on the other, then
-    around the best ones on ever finer patches, down to 0.0002 mm. Hollows and bumps that are smaller than the samples'
-    spacing (1/64 of the way around) may be missed.
+    around the best samples on smaller and smaller patches, down to 0.0002 mm. Details smaller than the spacing of the
+    samples (1/64 of the circumference) may be missed.
     """
     for name, surface in zip(names, (first, second)):
         _check(name, surface)
     sides = _Side(first, second), _Side(second, first, turned=True)
     lowest = [sides[0].extreme(_as_is)]
     nearest = sides[0].place(lowest[0])
-    # No point of the first surface is in the second organ: then all or none of the second surface is in the first.
+    # No point of the first surface is in the second organ, so all or none of the second surface is in the first.
     if lowest[0].distance > TOUCH and sides[1].distances.min() > 0.0:
         return Gap(*names, "apart", nearest)
     lowest.append(sides[1].extreme(_as_is))
@@ -173,11 +171,11 @@ def gap(first: BSplineSurface, second: BSplineSurface, *, names: tuple[str, str]
 def _common_volume(
     surfaces: tuple[BSplineSurface, BSplineSurface], boundary: np.ndarray, margin: float, deepest: Place
 ) -> float:
-    """Count the volume that two solids have in common, mm^3.
+    """Count the common volume of two solids, mm^3.
 
-    No point of its boundary is farther than the margin, mm, from one of the given ones, (n, 3).
+    Every point of its boundary is within the margin, mm, of one of the given points, (n, 3).
     """
-    # Along the principal axes, so that the box of a thin lens is thin.
+    # Along the principal axes, so that the box of a thin overlap is thin.
     axes = np.linalg.svd(boundary - boundary.mean(axis=0), full_matrices=True)[2]
     box, middle = Box.around(boundary, axes, margin=margin), np.mean(deepest.points, axis=0)
     for _ in range(_MAX_SHRINKINGS):
@@ -192,7 +190,7 @@ def _common_volume(
                 return box.volume * len(found) / both.size
             box = smaller
         else:
-            # Thinner than a cell: halfway between the deepest point and its foot lies the middle of the lens.
+            # Thinner than a cell: its middle is halfway between the deepest point and the closest point to that.
             box = Box(middle - box.edges.sum(axis=0) / 4.0, box.edges / 2.0)
     return 0.0
 
@@ -212,14 +210,14 @@ def _as_is(distances: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Found:
-    """A place of a surface with its signed distance from the other one."""
+    """Parameters of a point of a surface, and its signed distance from the other one, mm."""
 
     parameters: tuple[float, float]
     distance: float
 
 
 class _Side:
-    """One surface seen from the other: signed distances of its points, negative inside the other one."""
+    """One of two surfaces, with signed distances of its samples from the other one, mm, negative inside that."""
 
     def __init__(self, surface: BSplineSurface, other: BSplineSurface, *, turned: bool = False) -> None:
         self.surface, self.other, self.turned = surface, other, turned
@@ -242,7 +240,7 @@ class _Side:
         return self.distances.max() <= TOUCH and self.extreme(np.negative).distance <= TOUCH
 
     def extreme(self, cost: Callable[[np.ndarray], np.ndarray]) -> _Found:
-        """Find where a cost of the signed distance is least."""
+        """Find the point at which a cost of the signed distance is least."""
         costs = cost(self.distances)
         starts = self._starts(costs)
         parameters, distances = self.parameters[starts], self.distances[starts]
@@ -253,7 +251,7 @@ class _Side:
             best = np.argmin(costs)
             if reach[best] <= _RESOLUTION:
                 break
-            # Distances change by no more than the way that is gone, so that some patches cannot hold the best place.
+            # Along a surface the distance changes by at most the length, so some patches cannot have the best point.
             keep = costs - reach <= costs[best]
             parameters, distances, reach = parameters[keep], distances[keep], reach[keep]
         best = np.argmin(cost(distances))
@@ -261,7 +259,7 @@ class _Side:
         return _Found((u, v), float(distances[best]))
 
     def _starts(self, costs: np.ndarray) -> np.ndarray:
-        """Choose a few of the best samples, apart from each other."""
+        """Choose a few of the best samples, at a distance from each other."""
         order = np.argsort(costs, kind="stable")
         order = order[costs[order] <= costs[order[0]] + self.spacing]
         chosen: list[int] = []
@@ -271,11 +269,11 @@ class _Side:
         return np.array(chosen)
 
     def _round(self, parameters, distances, reach, cost):
-        """Look around places (n, 2) on patches of given reach (n,) mm, which shrink unless the edge is best."""
+        """Search patches around parameters (n, 2) of sizes (n,) mm; they shrink unless the best point is at an edge."""
         speeds = [
             np.linalg.norm(self.surface.points(*parameters.T, **order), axis=1) for order in ({"du": 1}, {"dv": 1})
         ]
-        # At a pole, where u does not count, the patch goes all the way around.
+        # At a pole, where u moves nothing, the patch covers all u.
         half = (self.high - self.low) / 2.0
         extent = np.minimum(reach[:, None] / np.maximum(np.column_stack(speeds), 1e-12 * self.surface.size), half)
         steps = np.linspace(-1.0, 1.0, 2 * _PATCH + 1)
@@ -297,7 +295,7 @@ class _Side:
         return np.clip(np.where(wraps, wrapped, parameters), self.low, self.high)
 
     def place(self, found: _Found) -> Place:
-        """Make a found place one of both surfaces, in the order of the pair."""
+        """Return a found point with the closest one of the other surface, in the order of the pair."""
         own = np.array([found.parameters])
         point = self.surface.points(*own.T)
         foot = closest_points(self.other, point)

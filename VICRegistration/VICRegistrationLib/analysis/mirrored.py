@@ -1,4 +1,4 @@
-"""Whether a reference is the mirror image of what it should be: left for right, or RAS coordinates taken for LPS."""
+"""Detection of mirrored references: left and right exchanged, or RAS coordinates taken for LPS."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from .comparison import triangles_of, volume_dice
 from .distances import Reference
 from .reference_meshes import ReferenceMesh
 
-# A mirror image gets a warning if it shares more than `_ALIKE` of the volume, as real pairs of organs and other organs
-# do not, and misses less than `_BETTER` times what the reference misses as it is. That is 2.8 to 29 times for the real
-# bladders and the demo's organs with their own references, and 0 to 0.6 times for the demo's bladder, which is nearly
-# symmetric, with a mirrored one. A ball would have 1.
+# There is a warning if the Dice coefficient with a mirror image is above `_ALIKE`, which it is not for other organs,
+# and its difference to 1 is less than `_BETTER` times that of the reference as it is. That ratio is 2.8 to 29 for the
+# real bladders and the demo's organs with their own references, and 0 to 0.6 for the demo's bladder, which is nearly
+# symmetric, with a mirrored one. It would be 1 for a ball.
 _ALIKE, _BETTER = 0.8, 0.8
 _MIRRORS = {
     "left and right, and front and back": (-1.0, -1.0, 1.0),
@@ -25,7 +25,7 @@ _MIRRORS = {
 def mirrored(
     surface: BSplineSurface, reference: Reference, dice: float, *, center: np.ndarray | None = None
 ) -> tuple[str, float]:
-    """Find the mirror image of a reference that a surface fits.
+    """Find a mirror image of a reference that fits a surface better.
 
     Parameters
     ----------
@@ -34,16 +34,16 @@ def mirrored(
     reference : BSplineSurface or ReferenceMesh
         Closed, RAS mm.
     dice : float
-        Volume Dice of the two as they are.
+        Volume Dice of surface and reference.
     center : (3,) ndarray, optional
-        Middle of the reference's own grid, RAS mm: a second place to mirror at, besides the origin.
+        Middle of the reference's grid, RAS mm: mirror images are made at this point and at the origin.
 
     Returns
     -------
     sides : str
-        What is exchanged; empty if no mirror image fits.
+        Which sides are exchanged; empty if no mirror image fits better.
     dice : float
-        With the mirror image.
+        Volume Dice with that mirror image, or the given one.
     """
     if isinstance(reference, BSplineSurface):
         return "", dice

@@ -1,4 +1,4 @@
-"""Meshes to measure against: of a mask, or of other programs, made fit for signed distances and taken apart."""
+"""Reference meshes: of a mask, or of other programs after repair for signed distances; their connected pieces."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from ..geometry.triangles import enclosed_volume
 from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 
-# A mesh whose volume is below this fraction of that of its bounding cube is flat.
+# A mesh is flat if its volume is below this share of the cube of its box's diagonal.
 _FLAT = 1e-9
-# Corners nearer than this are one, as a fraction of the largest coordinate: some ten times the spacing of single
-# precision numbers, in which most mesh files are written.
+# Corners within this distance are joined, as a share of the largest coordinate: about ten times the spacing of single
+# precision numbers, which most mesh files have.
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceMesh:
-    """Triangles to measure against.
+    """Triangles of a reference.
 
     Parameters
     ----------
@@ -42,28 +42,28 @@ class ReferenceMesh:
 
 
 def mesh_of_mask(mask: Image) -> ReferenceMesh:
-    """Surface of a label image, for measuring against a segmentation.
+    """Make the surface of a label image.
 
     Parameters
     ----------
     mask : Image
-        Voxels of the organ are 1, others 0; the surface lies where fractions are a half. The grid may be
+        1 in the organ and 0 outside, or shares of the organ; the surface is the isosurface at 0.5. The grid may be
         oblique and left-handed.
 
     Returns
     -------
     ReferenceMesh
-        Closed; where the organ touches the border of the volume, the surface passes half a voxel outside of the outer
-        voxel centres.
+        Closed, RAS mm. Where the organ touches the border of the volume, the surface is half a voxel outside of the
+        outermost voxel centres.
 
     Raises
     ------
     ValueError
-        If no voxel is more than a half.
+        If no voxel is above 0.5.
 
     Notes
     -----
-    Flying edges (Schroeder, Maynard, Geveci, 2015) on the grid's indices, whose points are then taken to the world.
+    Flying edges (Schroeder, Maynard, Geveci, 2015) in voxel indices, then mapped to RAS.
     """
     array = np.pad(np.asarray(mask.array, dtype=np.float32), 1)
     if not array.max() > 0.5:
@@ -81,23 +81,23 @@ def mesh_of_mask(mask: Image) -> ReferenceMesh:
     contour.Update()
     ijk, triangles = triangles_in(contour.GetOutput())
     points = mask.to_ras(ijk - 1.0)
-    # On a left-handed grid the order of the corners turns over with the space.
+    # A left-handed grid reverses the orientation of the triangles.
     return ReferenceMesh(points, triangles if enclosed_volume(points, triangles) > 0.0 else triangles[:, ::-1])
 
 
 def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
-    """Make triangles fit for signed distances, or refuse them.
+    """Repair triangles for signed distances, or refuse them.
 
     Parameters
     ----------
     mesh : TriangleMesh or ReferenceMesh
-        RAS mm. Points may be there twice (as in an STL file), also with other roundings, and so may triangles; they may
-        be turned the wrong way.
+        RAS mm. Points may be repeated (as in an STL file), also with rounding errors, and so may triangles, which may
+        have the wrong orientation.
 
     Returns
     -------
     ReferenceMesh
-        Each point once, no triangle without corners of its own, counter-clockwise seen from outside.
+        Distinct points, triangles with three distinct corners, counter-clockwise seen from outside; RAS mm.
 
     Raises
     ------
@@ -106,8 +106,8 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
 
     Notes
     -----
-    Neighbours are turned alike where they are not; then all of them outward, by the sign of the enclosed volume. A
-    hollow stays one if the file has its triangles turned the other way.
+    Triangles are oriented consistently if they are not; then all of them outward, by the sign of the enclosed volume.
+    An inner surface stays one if its triangles have the opposite orientation in the file.
     """
     points, triangles = np.asarray(mesh.points, dtype=float), np.asarray(mesh.triangles)
     if not len(triangles):
@@ -139,7 +139,7 @@ def closed_mesh(mesh: TriangleMesh | ReferenceMesh) -> ReferenceMesh:
 
 
 def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
-    """Take a mesh apart into those pieces that have no point in common.
+    """Split a mesh into its connected pieces.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
     Returns
     -------
     tuple of ReferenceMesh
-        The one that encloses most first; hollows, which are turned inside out, are last.
+        By enclosed volume, the largest first; inner surfaces, whose volume is negative, come last.
     """
     count = len(mesh.points)
     start, end = mesh.triangles[:, [0, 1]].ravel(), mesh.triangles[:, [1, 2]].ravel()
@@ -161,7 +161,7 @@ def pieces(mesh: ReferenceMesh) -> tuple[ReferenceMesh, ...]:
 
 
 def turned_alike(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
-    """Turn triangles so that neighbours agree, outward, with the normals of their points as VTK shades them.
+    """Orient triangles consistently and outward, and add point normals.
 
     Parameters
     ----------
@@ -182,14 +182,14 @@ def turned_alike(points: np.ndarray, triangles: np.ndarray) -> vtkPolyData:
 
 
 def _joined(points: np.ndarray, triangles: np.ndarray, *, rounded: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Make one corner of all that are at one place, and drop triangles that have no three corners left.
+    """Join corners at the same place, and drop triangles without three distinct corners.
 
     Parameters
     ----------
     points : (n, 3) ndarray
     triangles : (m, 3) ndarray of int
     rounded : bool
-        Whether corners that differ by rounding are at one place too.
+        Whether to join corners that differ by rounding, too.
 
     Returns
     -------
@@ -210,7 +210,7 @@ def _joined(points: np.ndarray, triangles: np.ndarray, *, rounded: bool = False)
 
 
 def _without_copies(triangles: np.ndarray) -> np.ndarray:
-    """Drop triangles that are there again.
+    """Drop repeated triangles.
 
     Parameters
     ----------
@@ -219,8 +219,8 @@ def _without_copies(triangles: np.ndarray) -> np.ndarray:
     Returns
     -------
     (k, 3) ndarray of int
-        If all triangles are there twice or more, one of each, whichever way its copies are turned (a surface with two
-        sides). Else those that are turned the same way once: where two bodies touch, each has its own.
+        If all triangles are repeated, one of each, whatever the orientation of its copies (a two-sided surface). Else
+        one of each orientation: where two bodies touch, each has its own triangles.
     """
     corners = np.sort(triangles, axis=1)
     first = np.argmin(triangles, axis=1)
@@ -234,7 +234,7 @@ def _without_copies(triangles: np.ndarray) -> np.ndarray:
 
 
 def _unmatched_edges(triangles: np.ndarray, n_points: int) -> tuple[int, int]:
-    """Count the edges with an odd number of triangles, and those that their triangles do not run both ways."""
+    """Count the edges with an odd number of triangles, and those whose triangles are oriented inconsistently."""
     start, end = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
     keys = np.minimum(start, end) * n_points + np.maximum(start, end)
     _, edge, uses = np.unique(keys, return_inverse=True, return_counts=True)

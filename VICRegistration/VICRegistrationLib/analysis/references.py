@@ -1,4 +1,4 @@
-"""References in files: label images, meshes, and surfaces of the program."""
+"""Reading of references: label images, meshes, and surfaces that this program has written."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from ..messages import Diagnostic
 from .distances import Reference
 from .reference_meshes import ReferenceMesh, closed_mesh, mesh_of_mask, pieces
 
-# Shapes of other programs, which no reader of images knows either.
+# Suffixes of shapes that are neither read here nor by a reader of images.
 _OTHER_SHAPES = (
     *(".step", ".stp", ".igs", ".iges", ".brep", ".3dm", ".x_t", ".off", ".3mf", ".glb", ".gltf", ".dae", ".fbx"),
     *(".vtu", ".msh", ".inp", ".med", ".unv", ".bdf", ".gii"),
 )
 
-# Share of a label, filled slice by slice, from which it is a wall without its lumen. Of the walls in seven real
-# bladders that experts drew it is 0.75 to 0.88, of their lumens, tumours and of three hippocampi up to 0.0043.
+# A label is a wall without its lumen if filling it slice by slice adds more than this share of the result. It is 0.75
+# to 0.88 for the walls of seven real bladders that experts drew, and up to 0.0043 for their lumens and tumours and for
+# three hippocampi.
 _OPEN_WALL = 0.03
-# Neighbours within a slice.
+# Neighbourhood within a slice, for ndimage.label.
 _IN_SLICE = np.array([[[0, 0, 0]] * 3, [[0, 1, 0], [1, 1, 1], [0, 1, 0]], [[0, 0, 0]] * 3])
 
 
 @dataclass(frozen=True, eq=False)
 class ReadReference:
-    """A reference and what its file says of it.
+    """A reference from a file.
 
     Parameters
     ----------
@@ -43,9 +44,9 @@ class ReadReference:
     label : str
         Value and name of the label; empty for other kinds.
     diagnostics : tuple of Diagnostic
-        What makes distances from it look larger than they are.
+        Findings that make distances from it too large.
     notes : tuple of str
-        What should be looked at, a sentence each.
+        Warnings of the reader, a sentence each.
     center : (3,) ndarray, optional
         Middle of the grid of a label image, RAS mm.
     """
@@ -66,7 +67,7 @@ def read_reference(
     largest: bool = False,
     frame: str | None = None,
 ) -> ReadReference:
-    """Read what a fitted surface is to be compared with.
+    """Read a reference.
 
     Parameters
     ----------
@@ -74,11 +75,11 @@ def read_reference(
         A surface (.json, or .vtp with a control net), a mesh (.stl, .ply, .vtp, .vtk, .obj), or a label image: any that
         `read_image` reads, or a DICOM segmentation.
     organ : str
-        Name of the organ: of several segments with names, that of the organ is taken.
+        Name of the organ: of several named segments, the one with this name is read.
     label : int or str, optional
         Value or name of the label, for label images.
     largest : bool
-        Keep the largest piece of a label or a mesh only, and fill its hollows.
+        Keep only the largest piece of a label or a mesh, with its cavities filled.
     frame : {"LPS", "RAS"}, optional
         Frame of a mesh; see :func:`read_triangles`.
 
@@ -91,7 +92,7 @@ def read_reference(
     OSError
         If the file cannot be read.
     ValueError
-        If it holds no reference, it is not clear which label is meant, or an option does not fit the kind of file.
+        If it holds no reference, the label is ambiguous, or an option does not fit the kind of file.
     """
     path = Path(path)
     if path.suffix.lower() in _OTHER_SHAPES:
@@ -149,12 +150,12 @@ def _label(path: Path, label: int | str | None, organ: str, largest: bool) -> Re
 
 
 def _about_pieces(count: int, reference: str) -> tuple[Diagnostic, ...]:
-    """Warn of stray pieces, whose distances would count."""
+    """Warn of several pieces: distances from all of them are measured."""
     return () if count < 2 else (Diagnostic("reference_in_pieces", {"reference": reference, "count": count}),)
 
 
 def _about_hollows(mask: np.ndarray, reference: str) -> tuple[Diagnostic, ...]:
-    """Warn of hollows, whose surfaces would count: stray voxels, and a wall without its lumen, closed or open."""
+    """Warn of cavities, from whose surfaces distances are measured too, and of a wall without its lumen."""
     count = ndimage.label(fill_holes(mask) & ~mask)[1]
     if count:
         return (Diagnostic("reference_hollow", {"reference": reference, "count": count}),)

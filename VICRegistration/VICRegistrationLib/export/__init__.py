@@ -1,1 +1,1 @@
-"""Writing of fitted surfaces for other programs."""
+"""Writing of fitted surfaces for other programs, and reading of their meshes."""

@@ -1,4 +1,4 @@
-"""Triangles out of files (STL, PLY, OBJ, VTK and VTP), and B-spline surfaces out of VTP files."""
+"""Reading of triangles (STL, PLY, OBJ, VTK and VTP files), and of B-spline surfaces in VTP files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .surface_data import surface_in, triangles_in
 
 READABLE_MESHES = tuple(mesh_to_vtp.READERS)
 FRAMES = ("LPS", "RAS")
-# Where the marker may be: the header of an STL or VTK file, the comments of a PLY or OBJ file.
+# The frame is marked within so many bytes: in the header of an STL or VTK file, or comments of a PLY or OBJ file.
 _HEADER_BYTES = 2000
 
 
@@ -36,8 +36,8 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     path : path
         .stl, .ply, .vtp, .vtk or .obj; mm.
     frame : {"LPS", "RAS"}, optional
-        Frame of its coordinates. If not given, what the file says in Slicer's manner ("SPACE=RAS" in the header), else
-        LPS, as Slicer takes it.
+        Frame of its coordinates. By default the one that the file is marked with ("SPACE=RAS" in the header, as by
+        Slicer), else LPS, as in Slicer.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
     OSError
         If the file cannot be read.
     ValueError
-        If it is no such file, is damaged or holds no triangles.
+        If it is no such file, is damaged or has no triangles.
     """
     path = Path(path)
     if path.suffix.lower() not in mesh_to_vtp.READERS:
@@ -73,7 +73,7 @@ def read_triangles(path: str | os.PathLike, *, frame: str | None = None) -> tupl
 
 
 def is_image(path: str | os.PathLike) -> bool:
-    """Whether a .vtk file holds an image, not a mesh; no if it cannot be read."""
+    """Whether a .vtk file holds an image, not a mesh; false if it cannot be read."""
     try:
         with Path(path).open("rb") as file:
             return re.search(rb"^DATASET\s+STRUCTURED_POINTS", file.read(_HEADER_BYTES), re.I | re.M) is not None
@@ -82,7 +82,7 @@ def is_image(path: str | os.PathLike) -> bool:
 
 
 def holds_surface(path: str | os.PathLike) -> bool:
-    """Whether a VTP file carries the control net of a B-spline surface; no if it cannot be read."""
+    """Whether a VTP file has the control net of a B-spline surface; false if it cannot be read."""
     try:
         return b'Name="control_net"' in Path(path).read_bytes()
     except OSError:
@@ -100,7 +100,7 @@ def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
     Returns
     -------
     SurfaceRecord
-        RAS mm. The name is empty where the file has none; net and closure are empty.
+        RAS mm. The name is empty if the file has none; net and closure are empty.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_vtp_record(path: str | os.PathLike) -> SurfaceRecord:
 
 
 def _header(path: Path) -> bytes:
-    """First bytes of a file, or the reason why there are none."""
+    """Read the first bytes of a file, or raise an error with a sentence for the user."""
     try:
         with path.open("rb") as file:
             return file.read(_HEADER_BYTES)
@@ -129,7 +129,7 @@ def _header(path: Path) -> bytes:
 
 
 def _check_corners(path: Path, data: vtkPolyData) -> None:
-    """Refuse polygons with corners that are not in the file: VTK reads them from anywhere."""
+    """Refuse polygons whose corners are not among the points: VTK would read beyond its memory."""
     for cells in (data.GetPolys(), data.GetStrips()):
         corners = vtk_to_numpy(cells.GetConnectivityArray())
         if len(corners) and not 0 <= corners.min() <= corners.max() < data.GetNumberOfPoints():
@@ -141,16 +141,16 @@ def _check_corners(path: Path, data: vtkPolyData) -> None:
 
 
 def _read(path: Path) -> vtkPolyData:
-    """Read a file in a process of its own, which some damaged ones end (.ply, .vtk and .vtp; 0.2 s more each)."""
+    """Read a file in a process of its own, because some damaged files crash VTK; it takes 0.2 s more."""
     with tempfile.TemporaryDirectory(prefix="vic-mesh-") as folder:
         copy = str(Path(folder) / "copy.vtp")
-        # Slicer sets it to PythonSlicer.
+        # In Slicer, sys.executable is PythonSlicer.
         command = [sys.executable, mesh_to_vtp.__file__, str(path), copy]
-        # No window of a console where there is none (Windows).
+        # On Windows no console window opens.
         hidden = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0), "stdin": subprocess.DEVNULL}
         done = subprocess.run(command, capture_output=True, check=False, **hidden)
         if done.returncode == 1:
-            # So Python ends that lacks a package, or could not write; a crash has another code.
+            # The exit code if a package is missing or the copy cannot be written; a crash has another one.
             line = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
             msg = f"The file {path} cannot be read, because the process that reads it has failed ({line})."
             raise OSError(msg)
@@ -166,7 +166,7 @@ def _read(path: Path) -> vtkPolyData:
 
 
 def _lenient_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of an STL file of text in capitals, or behind a byte order mark, which VTK does not take for text."""
+    """Read an STL text file that VTK does not recognize as text: in capitals, or with a byte order mark."""
     number = rb"\s+([-+.\deE]+)"
     corners = re.findall(rb"vertex" + 3 * number, path.read_bytes(), re.IGNORECASE)
     try:
@@ -177,7 +177,7 @@ def _lenient_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marked_frame(data: vtkPolyData, header: bytes) -> str:
-    """Frame that a file is marked with; LPS if there is no mark."""
+    """Return the frame that a file is marked with; LPS by default."""
     array = data.GetFieldData().GetAbstractArray("SPACE")
     if isinstance(array, vtkStringArray) and array.GetNumberOfValues() == 1:
         frame = array.GetValue(0)

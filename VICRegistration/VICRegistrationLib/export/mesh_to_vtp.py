@@ -1,4 +1,4 @@
-"""A program that copies any mesh into a VTP file: some damaged files end the process in which VTK reads them."""
+"""Program that copies a mesh into a VTP file, because some damaged files crash the process in which VTK reads them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ READERS = {
 }
 
 
-# Of SetErrorMode on Windows: a program that crashes ends, and no dialog waits for the user
-# (SEM_FAILCRITICALERRORS, SEM_NOGPFAULTERRORBOX).
+# Flags of SetErrorMode on Windows (SEM_FAILCRITICALERRORS, SEM_NOGPFAULTERRORBOX): a crash opens no dialog.
 _NO_DIALOGS = 0x0001 | 0x0002
 
 
@@ -32,9 +31,9 @@ def main(source: str, target: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file with one of the endings in `READERS`.
+        A file with a suffix of `READERS`.
     target : str
-        The .vtp file to write; empty where the source holds no mesh.
+        The .vtp file to write; it has no points if the source holds no mesh.
 
     Returns
     -------
@@ -43,7 +42,7 @@ def main(source: str, target: str) -> str | None:
     """
     if sys.platform == "win32":
         ctypes.windll.kernel32.SetErrorMode(_NO_DIALOGS)
-    # On Windows, VTK opens a window for them.
+    # On Windows, VTK opens a window for warnings.
     vtkObject.GlobalWarningDisplayOff()
     reader = READERS[Path(source).suffix.lower()]()
     reader.SetFileName(source)
@@ -52,7 +51,7 @@ def main(source: str, target: str) -> str | None:
     writer.SetInputConnection(reader.GetOutputPort())
     writer.SetCompressorTypeToNone()
     writer.EncodeAppendedDataOff()
-    # It returns 1 for a full disk too.
+    # Write returns 1 even if the disk is full.
     written = writer.Write() and not writer.GetErrorCode()
     return None if written else f"{target} cannot be written; is the disk full?"
 

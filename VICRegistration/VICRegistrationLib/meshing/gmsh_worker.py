@@ -1,6 +1,6 @@
-"""Meshes a job with gmsh, or writes a mesh in one of its formats.
+"""Program that meshes organs with gmsh, or writes a mesh in one of its formats.
 
-Run as ``python -m VICRegistrationLib.meshing.gmsh_worker JOB``: gmsh is GPL, and may crash.
+It runs as ``python -m VICRegistrationLib.meshing.gmsh_worker JOB``, because gmsh is GPL and may crash.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ import gmsh
 import numpy as np
 
 from .elements import scaled_jacobians
-from .process import JobError, Workplace, main
+from .process import JobError, JobFolder, main
 
-# gmsh's algorithms for the surfaces and for the inside, and a factor on the sizes: tried in turn until a mesh is good.
+# gmsh's numbers of surface and volume algorithm, and a factor on the sizes: tried in turn until a mesh is good.
 _WAYS = ((6, 1, 1.0), (5, 1, 1.0), (6, 1, 0.92), (5, 1, 0.85), (1, 1, 0.9))
-# Another way is tried only while no more of the time limit than this is spent.
+# No further algorithm is tried after this share of the time limit.
 _TIME_FOR_TRIES = 0.3
 # Relative difference of volumes at which a cut has failed.
 _MISCUT = 1e-3
 # gmsh's numbers of elements by their number of nodes: triangles and tetrahedra, linear and second order.
 KINDS = {3: 2, 6: 9, 4: 4, 10: 11}
-# gmsh numbers the middles of the last two edges of a tetrahedron the other way round.
+# gmsh has the middle nodes of the last two edges of a tetrahedron in the other order.
 _NODES = {10: [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]}
-# Sizes come from nothing but what is set here.
+# Sizes follow from the options and the field that are set here only.
 _FREE = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0}
 
 
-def work(place: Workplace) -> None:
+def work(place: JobFolder) -> None:
     """Do the task of a job.
 
     Parameters
     ----------
-    place : Workplace
+    place : JobFolder
         Its job has the ``task`` "tetrahedra", "triangles" or "write".
     """
     start()
@@ -48,7 +48,7 @@ def start() -> None:
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
 
 
-def _fill(place: Workplace) -> None:
+def _fill(place: JobFolder) -> None:
     """Mesh the regions with tetrahedra."""
     regions, volumes = _build(place)
     found = best_mesh(place, lambda: _collected(regions))
@@ -58,8 +58,8 @@ def _fill(place: Workplace) -> None:
     place.finish(found, {"volumes": volumes})
 
 
-def _cover(place: Workplace) -> None:
-    """Mesh the surface of a solid with triangles of one size."""
+def _cover(place: JobFolder) -> None:
+    """Mesh the surface of a solid with triangles of constant size."""
     _solid(place, place.job["surface"])
     gmsh.model.occ.synchronize()
     size = place.job["size"]
@@ -73,15 +73,15 @@ def _cover(place: Workplace) -> None:
     place.finish({"points": points, "triangles": row[triangles.astype(int)].reshape(-1, 3)}, {})
 
 
-def _write(place: Workplace) -> None:
-    """Write a mesh, whose groups become physical groups, in the format of a file's suffix."""
+def _write(place: JobFolder) -> None:
+    """Write a mesh in the format of a file's suffix; groups become physical groups."""
     arrays = np.load(place.path(place.job["mesh"]), allow_pickle=False)
     points, groups = arrays["points"], place.job["groups"]
     gmsh.model.add("organs")
     for tag, group in enumerate(groups, start=1):
         gmsh.model.addDiscreteEntity(group["dimension"], tag)
         gmsh.model.addPhysicalGroup(group["dimension"], [tag], tag, group["name"])
-    # All of them in one entity: a node on a surface belongs to several.
+    # All nodes go into one entity, because a node on a surface belongs to several.
     first = next(tag for tag, group in enumerate(groups, start=1) if group["dimension"] == 3)
     gmsh.model.mesh.addNodes(3, first, np.arange(1, len(points) + 1), points.ravel())
     for tag in range(1, len(groups) + 1):
@@ -89,7 +89,7 @@ def _write(place: Workplace) -> None:
         width = cells.shape[1]
         nodes = cells[:, _NODES.get(width, slice(None))] + 1
         gmsh.model.mesh.addElementsByType(tag, KINDS[width], [], nodes.ravel())
-    # Sets of the groups' nodes in a .unv file; coordinates with 8 decimals in a .bdf file.
+    # A .unv file gets sets of the groups' nodes, a .bdf file coordinates with 8 decimals.
     _set_options({"Mesh.SaveGroupsOfNodes": 1, "Mesh.BdfFieldFormat": 2})
     path = place.path(place.job["file"])
     gmsh.write(path)
@@ -99,8 +99,8 @@ def _write(place: Workplace) -> None:
 # ------------------------------------------------------------------ geometry
 
 
-def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
-    """Read the solids and cut them against each other; what each gave up to whom."""
+def _build(place: JobFolder) -> tuple[list[list[int]], list[dict]]:
+    """Read the solids and cut off what belongs to others; solids of each region, and measured volumes."""
     place.progress("reading the solids")
     names = [region["name"] for region in place.job["regions"]]
     outers = [_solid(place, region["outer"]) for region in place.job["regions"]]
@@ -108,8 +108,8 @@ def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
     place.progress("cutting the solids")
     volumes, bodies = [], []
     for number, outer in enumerate(outers):
-        others = [(name, tool) for name, tool in _claimants(names, outers, lumens, number) if _meet(outer, tool)]
-        volumes.append(_claims(outer, lumens[number : number + 1], others))
+        others = [(name, tool) for name, tool in _cutting(names, outers, lumens, number) if _meet(outer, tool)]
+        volumes.append(_measured(outer, lumens[number : number + 1], others))
         bodies.append(_minus(outer, [tool for _, tool in others]))
     used = {tag for body in bodies for tag in body} | set(lumens)
     unused = [entity for entity in gmsh.model.occ.getEntities(3) if entity[1] not in used]
@@ -121,19 +121,16 @@ def _build(place: Workplace) -> tuple[list[list[int]], list[dict]]:
     return regions, volumes
 
 
-def _claimants(names: Sequence[str], outers: Sequence, lumens: Sequence, number: int) -> list[tuple]:
-    """Solids that have a prior claim on what a region fills, with their names.
-
-    Who is named first keeps what is claimed twice, but lumens stay free of everybody's wall.
-    """
+def _cutting(names: Sequence[str], outers: Sequence, lumens: Sequence, number: int) -> list[tuple]:
+    """Solids that are cut off a region, with their names: organs named before it, lumens of those named after it."""
     before = list(zip(names, outers[:number]))
     return before + [(f"the lumen of {name}", lumen) for name, lumen in zip(names[number + 1 :], lumens[number + 1 :])]
 
 
 def _check_cut(name: str, parts: Sequence[float], measured: Mapping) -> None:
-    """Refuse a region of which others take everything, and what Open CASCADE has cut wrongly.
+    """Refuse a region of which nothing is left, and one that Open CASCADE has cut wrongly.
 
-    `parts` are the volumes of the region's solids, `measured` what :func:`_claims` measured.
+    `parts` are the volumes of the region's solids, `measured` those of :func:`_measured`.
     """
     kept = measured["whole"] - sum(measured["given"].values())
     if kept <= _MISCUT * measured["whole"]:
@@ -152,13 +149,13 @@ def _check_cut(name: str, parts: Sequence[float], measured: Mapping) -> None:
         raise JobError(msg)
 
 
-def _claims(outer: int, lumen: list[int], others: list[tuple[str, int]]) -> dict:
-    """Volume of a solid without its lumen, and what of it others take, one after the other."""
+def _measured(outer: int, lumen: list[int], others: list[tuple[str, int]]) -> dict:
+    """Volume of a solid without its lumen, and the volumes that others cut off, one after the other."""
     tools = lumen
     whole = last = _volume(_minus(outer, tools))
     given = {}
     for name, tool in others:
-        # From the whole solid every time: what has been cut once is not safe to cut again.
+        # Always from the whole solid: Open CASCADE may fail to cut a solid that was cut before.
         tools = [tool, *tools]
         left = _minus(outer, tools)
         now = _volume(left)
@@ -166,7 +163,7 @@ def _claims(outer: int, lumen: list[int], others: list[tuple[str, int]]) -> dict
     return {"whole": whole, "given": given}
 
 
-def _solid(place: Workplace, name: str) -> int:
+def _solid(place: JobFolder, name: str) -> int:
     """Read a file that holds one solid."""
     found = gmsh.model.occ.importShapes(place.path(name))
     if len(found) != 1 or found[0][0] != 3:
@@ -182,7 +179,7 @@ def _meet(one: int, other: int) -> bool:
 
 
 def _minus(solid: int, tools: list[int]) -> list[int]:
-    """Cut solids off another; all of them stay."""
+    """Cut solids off another, and keep all of them."""
     if not tools:
         return [solid]
     left, _ = gmsh.model.occ.cut([(3, solid)], [(3, tag) for tag in tools], removeObject=False, removeTool=False)
@@ -194,11 +191,11 @@ def _volume(solids: list[int]) -> float:
 
 
 def _joined(bodies: list[list[int]], lumens: list[int]) -> list[list[int]]:
-    """Take lumens out of bodies, and let those that touch share their faces; the solids of every region."""
+    """Cut lumens out of bodies, and make touching bodies share faces; returns the solids of every region."""
     tags = [*(tag for body in bodies for tag in body), *lumens]
     if not any(_meet(a, b) for i, a in enumerate(tags) for b in tags[:i]):
         return bodies
-    # In one go: Open CASCADE errs when solids that have become hollow are cut or joined again.
+    # In one operation: Open CASCADE makes errors when hollow solids are cut or joined again.
     _, parts = gmsh.model.occ.fragment([(3, tag) for tag in tags], [])
     parts = [{tag for dim, tag in part if dim == 3} for part in parts]
     first = len(tags) - len(lumens)
@@ -218,12 +215,12 @@ def _joined(bodies: list[list[int]], lumens: list[int]) -> list[list[int]]:
 # ------------------------------------------------------------------ mesh
 
 
-def best_mesh(place: Workplace, collected: Callable[[], dict | None]) -> dict[str, np.ndarray] | None:
-    """Mesh with tetrahedra in one way after the other, until a mesh is good or the time is short.
+def best_mesh(place: JobFolder, collected: Callable[[], dict | None]) -> dict[str, np.ndarray] | None:
+    """Mesh with one algorithm after the other, until a mesh is good or time is short.
 
     Parameters
     ----------
-    place : Workplace
+    place : JobFolder
         Its job has ``size``, ``sizes`` and ``least_quality``.
     collected : callable
         Returns the arrays of the mesh that gmsh holds, ``points`` and ``tetrahedra`` among them; None if a solid has no
@@ -232,7 +229,7 @@ def best_mesh(place: Workplace, collected: Callable[[], dict | None]) -> dict[st
     Returns
     -------
     dict of str to ndarray
-        Of the mesh whose worst element is best; None if there is no mesh.
+        Arrays of the mesh with the best worst element; None if there is no mesh.
     """
     best = None
     for number, way in enumerate(_WAYS, start=1):
@@ -248,8 +245,8 @@ def best_mesh(place: Workplace, collected: Callable[[], dict | None]) -> dict[st
     return None if best is None else best[1]
 
 
-def _generated(place: Workplace, way: tuple[int, int, float]) -> bool:
-    """Mesh in one way; whether gmsh was able to."""
+def _generated(place: JobFolder, way: tuple[int, int, float]) -> bool:
+    """Mesh with one choice of algorithms; returns whether gmsh was able to."""
     surface_program, volume_program, factor = way
     gmsh.model.mesh.clear()
     options = {
@@ -275,8 +272,8 @@ def _set_options(options: Mapping[str, float]) -> None:
         gmsh.option.setNumber(name, value)
 
 
-def _use_sizes(place: Workplace) -> None:
-    """Take the sizes of elements from the job's file."""
+def _use_sizes(place: JobFolder) -> None:
+    """Read the sizes of elements from the job's file."""
     for tag in gmsh.model.mesh.field.list():
         gmsh.model.mesh.field.remove(tag)
     field = gmsh.model.mesh.field.add("Structured")
@@ -304,7 +301,7 @@ def _collected(regions: list[list[int]]) -> dict | None:
 
 
 def mesh_nodes() -> tuple[np.ndarray, np.ndarray]:
-    """Return points, (n, 3) LPS mm, and the row of each by gmsh's number of it."""
+    """Return points, (n, 3) LPS mm, and their rows by gmsh's numbers."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=int)
     row[tags.astype(int)] = np.arange(len(tags))

@@ -1,4 +1,4 @@
-"""Surfaces of a tetrahedral mesh: which exact surface a face lies on, groups, and nodes of second order on it."""
+"""Surfaces of a tetrahedral mesh: groups of triangles by their exact surface, and nodes of second order on it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
 from .elements import EDGES, TRIANGLE_EDGES, faces_of, scaled_jacobians
 
-# Where curving an edge makes an element worse than wanted, the edge is curved half as much, at most so often.
+# If a curved edge makes an element too poor, it is curved half as much, at most so often; then it is straight.
 _HALVINGS = 4
-# Rounds of going to and fro between two surfaces, to the curve in which they meet.
+# Rounds of alternating projections on two surfaces, to find points on their intersection.
 _ROUNDS = 4
 
 
@@ -24,7 +24,7 @@ def surface_groups(
     *,
     names: Sequence[str],
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Triangles of the boundary and of interfaces, each in one group.
+    """Return the triangles of the boundary and of interfaces, each in one group.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ def surface_groups(
     regions : mapping of name to (k,) ndarray of int
         Tetrahedra of every region.
     surfaces : mapping of name to BSplineSurface
-        Exact surfaces; a triangle of the boundary belongs to the one that it lies on.
+        Exact surfaces; a triangle of the boundary belongs to the nearest one.
     names : sequence of str
-        What the regions are called in the names of interfaces.
+        Names of the regions in the names of interfaces.
 
     Returns
     -------
     triangles : (t, 3 or 6) ndarray of int
-        Counter-clockwise seen from outside; at an interface, from the later region.
+        Counter-clockwise seen from outside; at an interface, seen from the later region.
     groups : dict of str to ndarray of int
         Those of the surfaces, then "FIRST_SECOND_interface".
     """
@@ -75,7 +75,7 @@ def patch_groups(
     surfaces: Mapping[str, BSplineSurface],
     patches: tuple[int, int],
 ) -> dict[str, np.ndarray]:
-    """Cut the groups of surfaces into patches by the parameters of their triangles' middles.
+    """Divide groups of triangles into patches by the parameters (u, v) of the triangles' middles.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def patch_groups(
     groups : mapping of name to ndarray of int
         Rows of `triangles`, as :func:`surface_groups` makes them.
     surfaces : mapping of name to BSplineSurface
-        Those of the groups to be cut; the others stay whole.
+        Surfaces of the groups to be divided; other groups stay as they are.
     patches : (around, along)
         Number of equal steps of u and of v.
 
@@ -121,7 +121,7 @@ def second_order(
     *,
     least_quality: float,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Give tetrahedra nodes in the middles of their edges.
+    """Add nodes at the middles of the edges of tetrahedra, on the exact surfaces.
 
     Parameters
     ----------
@@ -130,17 +130,17 @@ def second_order(
     tetrahedra : (m, 4) ndarray of int
     region : (m,) ndarray of int
     surfaces : sequence of BSplineSurface
-        On which the faces between regions and those of the boundary lie.
+        Exact surfaces of the boundary and of the interfaces between regions.
     least_quality : float
-        Scaled Jacobian that curving must not go below; elements that were worse when straight stay straight.
+        Least scaled Jacobian of curved elements; straight elements that are worse stay straight.
 
     Returns
     -------
     points : (n + e, 3) ndarray
-        RAS mm; the middles behind the corners.
+        RAS mm; the middle nodes come after the corners.
     tetrahedra : (m, 10) ndarray of int
     flattened : int
-        Number of edges whose middle is not on the surface, for the sake of the elements' shape.
+        Number of edges whose middle is not on the surface, because elements would get worse than that.
     """
     edges, number = np.unique(np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     shift = _shifts(points, tetrahedra, region, surfaces, edges)
@@ -156,7 +156,7 @@ def bent_elements(
     *,
     least_quality: float,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Bend edges as far as the shape of the elements allows it.
+    """Curve edges as far as the quality of the elements allows it.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def bent_elements(
 
 
 def _shifts(points, tetrahedra, region, surfaces, edges) -> np.ndarray:
-    """How far the middle of every edge is from the surfaces that it lies on, (e, 3)."""
+    """Displacements from the middle of every edge to the surfaces that it belongs to, (e, 3) mm."""
     faces, first, second = faces_of(tetrahedra)
     faces = faces[(second < 0) | (region[first] != region[second])]
     on_surface = _nearest_surface(points, faces, surfaces)
@@ -203,19 +203,20 @@ def _shifts(points, tetrahedra, region, surfaces, edges) -> np.ndarray:
 
 
 def shifts_to(surfaces: Sequence[BSplineSurface], touched: np.ndarray, straight: np.ndarray) -> np.ndarray:
-    """How far points are from the surfaces that they belong to: (e, 3) mm, 0 where they belong to none.
+    """Compute displacements from points to the surfaces that they belong to.
 
     Parameters
     ----------
     surfaces : sequence of BSplineSurface
     touched : (n_surfaces, e) ndarray of bool
-        Which surfaces each point belongs to: to several, where these meet in a curve.
+        Which surfaces each point belongs to: several at a curve in which they meet.
     straight : (e, 3) ndarray
         The points, RAS mm.
 
     Returns
     -------
     (e, 3) ndarray
+        mm, 0 for points that belong to no surface.
     """
     target = straight.copy()
     for surface, mine in zip(surfaces, touched):
@@ -230,12 +231,12 @@ def shifts_to(surfaces: Sequence[BSplineSurface], touched: np.ndarray, straight:
 
 
 def _reversed(faces: np.ndarray) -> np.ndarray:
-    """Faces with the other side in front."""
+    """Faces with the opposite orientation."""
     return faces[:, [0, 2, 1]] if faces.shape[1] == 3 else faces[:, [0, 2, 1, 5, 4, 3]]
 
 
 def _nearest_surface(points: np.ndarray, faces: np.ndarray, surfaces: list[BSplineSurface]) -> np.ndarray:
-    """Find the number of the surface from which the corners of each face are least far away."""
+    """Find the index of the surface that is nearest to the corners of each face."""
     if len(surfaces) == 1:
         return np.zeros(len(faces), dtype=int)
     nodes, inverse = np.unique(faces[:, :3], return_inverse=True)

@@ -17,7 +17,7 @@ from ..geometry.triangulation import TriangleMesh
 from ..messages import Diagnostic
 from .elements import TRIANGLE_EDGES, TetrahedralMesh, poor_element, scaled_jacobians, volumes
 from .groups import patch_groups, second_order, surface_groups
-from .process import GMSH_WORKER, MesherBroke, MeshingError, Result, require_gmsh, run_worker
+from .process import GMSH_WORKER, MesherCrashed, MeshingError, Result, require_gmsh, run_worker
 from .regions import MeshOptions, Region, claimed_twice, exact_volumes, job_files, regions_of, surfaces_of
 
 _Mesh = TypeVar("_Mesh")
@@ -198,7 +198,7 @@ class _Attempts:
             left = max(self.end - time.monotonic(), 0.0)
             try:
                 return run_worker(GMSH_WORKER, job, files, time_limit=share * left, on_progress=self.say)
-            except MesherBroke as error:
+            except MesherCrashed as error:
                 broken = error
         if time.monotonic() >= self.end:
             msg = (

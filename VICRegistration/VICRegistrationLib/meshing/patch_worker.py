@@ -1,8 +1,8 @@
-"""Meshes the faces of a STEP file, some of which bound solids, with gmsh: conforming where faces share an edge.
+"""Program that meshes faces of a STEP file and solids that they bound with gmsh, with common nodes on shared edges.
 
-Run as ``python -m VICRegistrationLib.meshing.patch_worker JOB``. The job has ``surface``, a file with one shell of all
-faces; ``faces``, a point in the middle of the parameters of each; ``solids``, for each solid the numbers of its faces;
-``curves``, a point in the middle of each edge whose nodes are wanted; ``size``, ``sizes`` and ``least_quality``.
+It runs as ``python -m VICRegistrationLib.meshing.patch_worker JOB``. The job has ``surface``, a file with one shell of
+all faces; ``faces``, the point of each at the middle of its parameters; ``solids``, the numbers of the faces of each
+solid; ``curves``, the middle points of edges whose nodes are wanted; ``size``, ``sizes`` and ``least_quality``.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import gmsh
 import numpy as np
 
 from .gmsh_worker import KINDS, best_mesh, mesh_nodes, start
-from .process import JobError, Workplace, main
+from .process import JobError, JobFolder, main
 
-# A face or an edge is the one whose middle is no farther than this away, mm.
+# Largest distance between the middle of a face or edge in the job and in gmsh, mm.
 _SAME_PLACE = 1e-4
 
 
-def work(place: Workplace) -> None:
+def work(place: JobFolder) -> None:
     """Mesh the faces and solids of a job."""
     start()
     place.progress("reading the patches")
@@ -38,7 +38,7 @@ def work(place: Workplace) -> None:
 
 
 def _matched(dimension: int, middles: list) -> list[int]:
-    """Find the number that gmsh gave to the face or edge with each of these middles."""
+    """Find gmsh's numbers of the faces or edges with the given middle points."""
     tags, places = [], []
     for _, tag in gmsh.model.getEntities(dimension):
         low, high = gmsh.model.getParametrizationBounds(dimension, tag)

@@ -1,13 +1,13 @@
-"""Work in a process of its own, which may crash, hang or return nothing without harm: both sides of it.
+"""Run a job in a process of its own, whose crash does no harm: the side that starts it, and the worker's side.
 
 :func:`run_worker` starts a module and reads its result; in the module, :func:`main` does the job. The job is a JSON
-file in a temporary folder; the worker gets its path, and leaves in the same folder
+file in a temporary folder. The worker gets its path, and writes into the same folder
 
 ============= =====================================================================================
 ``result.npz`` arrays, written last
-``notes.json`` an object with whatever else there is to say
+``notes.json`` an object with further results
 ``error.txt``  one sentence for the user, instead of a result
-``progress``   what it is doing now, one line
+``progress``   one line on what it is doing
 ============= =====================================================================================
 """
 
@@ -36,17 +36,17 @@ GMSH_WORKER = "VICRegistrationLib.meshing.gmsh_worker"
 PATCH_WORKER = "VICRegistrationLib.meshing.patch_worker"
 JOB, RESULT, NOTES, ERROR, PROGRESS = "job.json", "result.npz", "notes.json", "error.txt", "progress"
 _ROOT = Path(__file__).resolve().parents[2]
-# How long the worker is left alone between two looks at it, s.
-_LOOK = 0.05
-_LONGEST_COMPLAINT = 300
+# Time between two checks of the worker, s.
+_POLL_S = 0.05
+_LONGEST_OUTPUT = 300
 
 
 class MeshingError(RuntimeError):
-    """gmsh has failed; the message is one sentence for the user."""
+    """Meshing has failed; the message is one sentence for the user."""
 
 
-class MesherBroke(MeshingError):
-    """gmsh crashed, hung or returned nothing: something else may work."""
+class MesherCrashed(MeshingError):
+    """gmsh crashed, hung or returned nothing; it may work with another layout of the faces."""
 
 
 def require_gmsh() -> None:
@@ -64,7 +64,7 @@ def require_gmsh() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a worker has left.
+    """Result of a worker.
 
     Parameters
     ----------
@@ -91,11 +91,11 @@ def run_worker(
     module : str
         Run as ``python -m module JOB``.
     job : mapping
-        What JSON can hold; the worker finds ``time_limit`` in it too.
+        Values for JSON; the time limit is added as ``time_limit``.
     files : mapping of name to text, bytes or arrays
-        Put beside the job; arrays by their names as an .npz file.
+        Files to write beside the job; arrays by their names become an .npz file.
     time_limit : float
-        Seconds after which it is ended; no limit if not given.
+        Seconds after which the process is ended; by default there is no limit.
     on_progress : callable, optional
         Called with what the worker is doing. If it raises, the work ends.
 
@@ -106,7 +106,8 @@ def run_worker(
     Raises
     ------
     MeshingError
-        With one sentence: the worker complained; or crashed, took too long or returned nothing (:class:`MesherBroke`).
+        With one sentence, if the worker reports an error; :class:`MesherCrashed` if it crashes, takes too long or
+        returns nothing.
     OSError
         If temporary files cannot be written.
     """
@@ -149,7 +150,7 @@ def _run(module: str, folder: Path, time_limit: float, on_progress) -> int:
         try:
             return _watched(process, folder, time_limit, on_progress)
         finally:
-            # Whatever ends the watch (Ctrl-C too), nothing is left running.
+            # Also after Ctrl-C no process stays.
             if process.poll() is None:
                 process.kill()
             process.wait()
@@ -159,7 +160,7 @@ def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
     end, shown = time.monotonic() + time_limit, ""
     while True:
         try:
-            return process.wait(_LOOK)
+            return process.wait(_POLL_S)
         except subprocess.TimeoutExpired:
             pass
         if time.monotonic() > end:
@@ -167,7 +168,7 @@ def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
                 f"gmsh was not done after {time_limit:g} s and was ended; choose larger elements or a longer time "
                 "limit."
             )
-            raise MesherBroke(msg)
+            raise MesherCrashed(msg)
         progress = _text(folder / PROGRESS)
         if on_progress is not None and progress != shown:
             on_progress(progress)
@@ -176,22 +177,22 @@ def _watched(process, folder: Path, time_limit: float, on_progress) -> int:
 
 def _result(folder: Path, code: int) -> Result:
     """Read the files of a worker that has ended."""
-    complaint = _text(folder / ERROR)
-    if complaint:
-        raise MeshingError(complaint)
+    error = _text(folder / ERROR)
+    if error:
+        raise MeshingError(error)
     if code != 0:
         how, remedy = f"crashed (signal {-code})", "choose another element size"
         if code > 0:
-            how, remedy = f"failed (exit code {code}{_last_words(folder)})", "check its installation"
+            how, remedy = f"failed (exit code {code}{_last_line(folder)})", "check its installation"
         msg = f"gmsh {how}; {remedy}."
-        raise MesherBroke(msg)
+        raise MesherCrashed(msg)
     try:
         with np.load(folder / RESULT, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files}
         notes = json.loads(_text(folder / NOTES) or "{}")
     except (OSError, ValueError, EOFError, KeyError) as error:
         msg = "gmsh ended without a result; choose another element size."
-        raise MesherBroke(msg) from error
+        raise MesherCrashed(msg) from error
     return Result(arrays, notes)
 
 
@@ -202,26 +203,26 @@ def _text(path: Path) -> str:
         return ""
 
 
-def _last_words(folder: Path) -> str:
-    """Last line that the worker printed, if any."""
+def _last_line(folder: Path) -> str:
+    """Last line that the worker printed, behind a colon; empty if there is none."""
     try:
         lines = folder.joinpath("output").read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError:
         return ""
     last = next((" ".join(line.split()) for line in reversed(lines) if line.strip()), "")
-    return f": {last[:_LONGEST_COMPLAINT]}" if last else ""
+    return f": {last[:_LONGEST_OUTPUT]}" if last else ""
 
 
 # ------------------------------------------------------------------ the worker's side
 
 
-class Workplace:
-    """The folder of a job.
+class JobFolder:
+    """The folder of a job, for the worker.
 
     Parameters
     ----------
     job_path : Path
-        The job; everything else lies beside it.
+        File of the job; all other files are beside it.
     """
 
     def __init__(self, job_path: Path) -> None:
@@ -230,28 +231,28 @@ class Workplace:
         self._start = time.monotonic()
 
     def path(self, name: str) -> str:
-        """Path of a file of the job."""
+        """Return the path of a file of the job."""
         return str(self.folder / name)
 
     def spent(self) -> float:
-        """Fraction of the time limit that is over."""
+        """Return the share of the time limit that has passed."""
         return (time.monotonic() - self._start) / self.job["time_limit"]
 
     def progress(self, line: str) -> None:
         """Report what is being done now."""
-        # Where the other side just reads it, it cannot be replaced (Windows); it will be next time.
+        # On Windows the file cannot be replaced while it is read; the next line will be written.
         with contextlib.suppress(OSError):
             self._write(PROGRESS, line)
 
     def finish(self, arrays: dict[str, np.ndarray], notes: dict) -> None:
-        """Leave the result."""
+        """Write the result."""
         self._write(NOTES, json.dumps(notes))
         draft = self.folder / "draft.npz"
         np.savez(draft, **arrays)
         os.replace(draft, self.folder / RESULT)
 
-    def complain(self, sentence: str) -> None:
-        """Leave one sentence instead of a result."""
+    def fail(self, sentence: str) -> None:
+        """Write one sentence for the user instead of a result."""
         self._write(ERROR, sentence)
 
     def _write(self, name: str, text: str) -> None:
@@ -264,13 +265,13 @@ class JobError(Exception):
     """The job cannot be done; the message is for the user."""
 
 
-def main(work: Callable[[Workplace], None]) -> int:
+def main(work: Callable[[JobFolder], None]) -> int:
     """Do the job named on the command line.
 
     Parameters
     ----------
     work : callable
-        Does the job and leaves the result.
+        Does the job and writes the result.
 
     Returns
     -------
@@ -278,18 +279,18 @@ def main(work: Callable[[Workplace], None]) -> int:
         Exit code.
     """
     _end_with_parent()
-    place = Workplace(Path(sys.argv[1]))
+    place = JobFolder(Path(sys.argv[1]))
     try:
         work(place)
     except JobError as error:
-        place.complain(str(error))
+        place.fail(str(error))
     except Exception as error:  # noqa: BLE001 - gmsh raises bare Exception; the user shall see one sentence.
-        place.complain(f"gmsh failed ({reason(error)}); choose another element size.")
+        place.fail(f"gmsh failed ({reason(error)}); choose another element size.")
     return 0
 
 
 def _end_with_parent() -> None:
-    """Leave when the process that started this one is gone, however it went."""
+    """Exit when the process that started this one has ended."""
     parent = os.getppid()
 
     def watch() -> None:

@@ -1,4 +1,4 @@
-"""How good meshes of tetrahedra and of triangles are."""
+"""Quality of meshes of tetrahedra and of triangles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .elements import TetrahedralMesh, flat_triangles, scaled_jacobians, volumes
 
 @dataclass(frozen=True)
 class TetrahedronQuality:
-    """Numbers about a mesh.
+    """Sizes and quality of a mesh.
 
     Parameters
     ----------
@@ -21,13 +21,13 @@ class TetrahedronQuality:
     inverted : int
         Elements whose Jacobian is not positive somewhere (at a node, with ten nodes).
     scaled_jacobian_min, scaled_jacobian_1_percent, scaled_jacobian_mean : float
-        1 is the best, 0 is flat. See :func:`.elements.scaled_jacobians`.
+        Least, first percentile and mean; 1 is the best, 0 is flat. See :func:`.elements.scaled_jacobians`.
     volume : float
-        Of all elements, mm^3.
+        Volume of all elements, mm^3.
     volume_exact : float
-        Of the exact solids, mm^3; not a number if unknown.
+        Volume of the exact solids, mm^3; not a number if unknown.
     volume_ratio : float
-        The one divided by the other.
+        `volume` divided by `volume_exact`.
     groups : dict of str to dict
         For every group of tetrahedra: ``tetrahedra``, ``volume``, ``volume_exact`` and ``volume_ratio``.
     surfaces : dict of str to dict
@@ -48,7 +48,7 @@ class TetrahedronQuality:
     surfaces: dict
 
     def lines(self, *, surfaces: bool = True) -> list[str]:
-        """Report for people, one fact a line; with each group of triangles, or with their number."""
+        """Return a report in lines, with all groups of triangles or only their number."""
         kind = "linear" if self.order == 1 else "second-order"
         lines = [
             f"{self.tetrahedra} {kind} tetrahedra, {self.nodes} nodes, {self.inverted} inverted",
@@ -68,7 +68,7 @@ class TetrahedronQuality:
         return lines
 
     def as_json(self) -> dict:
-        """Everything as JSON keeps it: null where a number is unknown."""
+        """Return all values for JSON, with null for unknown numbers."""
         return _finite(asdict(self))
 
 
@@ -118,15 +118,15 @@ def quality(mesh: TetrahedralMesh) -> TetrahedronQuality:
 
 @dataclass(frozen=True)
 class TriangleQuality:
-    """Shape of triangles.
+    """Quality of triangles.
 
     Parameters
     ----------
     triangles, nodes : int
     angle_min, angle_max : float
-        Smallest and largest angle of all, degrees; 60 is the best for both.
+        Smallest and largest angle, degrees; 60 is the best for both.
     edge_min, edge_mean, edge_max : float
-        mm.
+        Lengths of the edges, mm.
     """
 
     triangles: int
@@ -138,7 +138,7 @@ class TriangleQuality:
     edge_max: float
 
     def lines(self) -> list[str]:
-        """Report for people, one fact a line."""
+        """Return a report in lines."""
         return [
             f"{self.triangles} triangles, {self.nodes} nodes",
             f"angles: {self.angle_min:.1f} to {self.angle_max:.1f} degrees",
@@ -175,12 +175,13 @@ def triangle_quality(points: np.ndarray, triangles: np.ndarray) -> TriangleQuali
 
 
 def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Areas of triangles, (m,) mm^2; with six nodes, those of the four flat ones between the nodes."""
+    """Areas of triangles, (m,) mm^2; with six nodes, the sum over the four flat triangles between them."""
     flat = np.linalg.norm(area_vectors(points, flat_triangles(triangles)), axis=1)
     return flat.reshape(len(triangles), -1).sum(axis=1)
 
 
 def _finite(value):
+    """Replace numbers that are not finite by None, in dictionaries too."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value

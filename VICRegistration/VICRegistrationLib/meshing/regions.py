@@ -1,4 +1,4 @@
-"""What is meshed, and how: options, organs or their walls as regions, and who keeps a place that two of them claim."""
+"""Options of a mesh, its regions (organs or their walls), the job for gmsh, and overlaps of regions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .sizes import SizeField, size_field
 from .wall import offset_surface
 
 _MOST_PATCHES = 32
-# Largest edge in a wall, in thicknesses of it: longer ones make flat tetrahedra.
+# Largest edge in a wall, as a multiple of its thickness: longer edges make flat tetrahedra.
 _LONGEST_IN_WALL = 1.5
-# Relative difference at which gmsh has not read the solid that it was given.
+# Relative difference of volumes above which gmsh has read the solid wrongly.
 _MISREAD = 1e-3
-# Volume in mm^3, and fraction of the region, below which a loss is rounding rather than an overlap.
+# Volume in mm^3, and share of the region, up to which an overlap is rounding.
 _ROUNDING = (1e-2, 1e-5)
 
 
@@ -31,26 +31,26 @@ class MeshOptions:
     Parameters
     ----------
     size : float
-        Largest wanted edge of an element, mm. Where the surface is strongly curved the elements are made smaller, so
-        that the mesh keeps the organ's volume.
+        Largest edge of an element, mm. At strongly curved surfaces elements are smaller, so that the mesh keeps the
+        organ's volume.
     order : {1, 2}
         Linear elements, or second-order ones with curved edges.
     wall : float, optional
-        Thickness of the wall of hollow organs, mm: the surface is that of the lumen, the wall lies outside of it. The
-        organs are solid if not given.
+        Thickness of the wall of hollow organs, mm. The given surface is that of the lumen, and the wall lies outside of
+        it. By default organs are solid.
     patches : (around, along)
-        Into how many patches each organ's surface is cut for the groups of triangles, in steps of its parameters:
-        around the tube, and from pole to pole.
+        Number of patches of each organ's surface for the groups of triangles, in equal steps of its parameters: around
+        the tube, and from pole to pole.
     time_limit : float
         Seconds after which gmsh is ended.
     volume_error : float, optional
-        Largest relative difference between the volumes of the mesh and of the exact solid. If not given, 0.005 for
-        elements of 3 mm, and with the square of the size for others, up to 0.02.
+        Largest relative difference between the volumes of mesh and exact solid. By default 0.005 for elements of 3 mm,
+        proportional to the square of the size for others, and at most 0.02.
 
     Raises
     ------
     ValueError
-        If an option makes no sense.
+        If an option is out of range.
     """
 
     size: float = 3.0
@@ -93,7 +93,7 @@ class Region:
     outer : BSplineSurface
         RAS mm.
     inner : BSplineSurface, optional
-        Surface of the lumen, if it is a wall.
+        Surface of the lumen, if the region is a wall.
     """
 
     name: str
@@ -102,24 +102,24 @@ class Region:
 
     @property
     def group(self) -> str:
-        """Name of its tetrahedra."""
+        """Name of the group of its tetrahedra."""
         return self.name if self.inner is None else f"{self.name}_wall"
 
     @property
     def surfaces(self) -> dict[str, BSplineSurface]:
-        """Its surfaces by the names of their triangles."""
+        """Its surfaces by the names of their groups of triangles."""
         if self.inner is None:
             return {f"{self.name}_surface": self.outer}
         return {f"{self.name}_inside": self.inner, f"{self.name}_outside": self.outer}
 
     @property
     def volume(self) -> float:
-        """Volume before anything is cut off, mm^3."""
+        """Volume before overlaps are cut off, mm^3."""
         return self.outer.volume() - (0.0 if self.inner is None else self.inner.volume())
 
 
 def regions_of(solids: Sequence[Solid], options: MeshOptions) -> list[Region]:
-    """Check organs and give them their walls.
+    """Check organs, and make their regions, with walls if wanted.
 
     Parameters
     ----------
@@ -129,12 +129,12 @@ def regions_of(solids: Sequence[Solid], options: MeshOptions) -> list[Region]:
     Returns
     -------
     list of Region
-        In the order of the solids, which is that of their priority.
+        In the order of the solids: a common volume belongs to the first one.
 
     Raises
     ------
     ValueError
-        If there is none, two have one name, a surface is not valid, or a wall would pass through itself.
+        If there is no solid, two have the same name, a surface is not valid, or a wall would pass through itself.
     """
     if not solids:
         msg = "No organ was given; give at least one surface to mesh."
@@ -156,31 +156,31 @@ def regions_of(solids: Sequence[Solid], options: MeshOptions) -> list[Region]:
 
 
 def surfaces_of(regions: Sequence[Region]) -> dict[str, BSplineSurface]:
-    """All exact surfaces by the names of their triangles."""
+    """Return all exact surfaces by the names of their groups of triangles."""
     return {name: surface for region in regions for name, surface in region.surfaces.items()}
 
 
 def job_files(
-    regions: Sequence[Region], options: MeshOptions, *, scale: float, faces: int = 1, least_quality: float
+    regions: Sequence[Region], options: MeshOptions, *, scale: float, faces: int, least_quality: float
 ) -> tuple[dict, dict[str, str | bytes]]:
-    """Job of a worker, and the files that it needs.
+    """Make the job of the worker, and the files that it needs.
 
     Parameters
     ----------
     regions : sequence of Region
     options : MeshOptions
     scale : float
-        Factor on the sizes where the surface is curved, to keep the volume.
+        Factor on the sizes at curved surfaces, to keep the volume.
     faces : int
-        Faces that every surface is cut into.
+        Number of faces of every surface.
     least_quality : float
-        Scaled Jacobian with which the worker is content.
+        Least scaled Jacobian at which the worker tries no further algorithm.
 
     Returns
     -------
     job : dict
     files : dict of name to content
-        A STEP file for every surface and the sizes, in LPS mm.
+        A STEP file for every surface, and the file of the sizes, in LPS mm.
     """
     files, described = {}, []
     for number, region in enumerate(regions):
@@ -205,14 +205,14 @@ def job_files(
 
 
 def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping]) -> dict[str, float]:
-    """Volumes of the exact regions after they were cut against each other.
+    """Return the volumes of the exact regions without what was cut off.
 
     Parameters
     ----------
     regions : sequence of Region
     measured : sequence of mapping
-        For each region what gmsh measured on its exact solid: ``whole``, the volume before it was cut, and
-        ``given``, what it gave up to whom.
+        What gmsh measured on each region's exact solid, mm^3: ``whole``, its volume before it was cut, and ``given``,
+        the volumes that were cut off, by the names of the solids that they belong to.
 
     Returns
     -------
@@ -222,7 +222,7 @@ def exact_volumes(regions: Sequence[Region], measured: Sequence[Mapping]) -> dic
     Raises
     ------
     MeshingError
-        If gmsh has read another solid than it was given.
+        If gmsh has read a solid wrongly.
     """
     kept = {}
     for region, volume in zip(regions, measured):
@@ -247,13 +247,13 @@ def claimed_twice(regions: Sequence[Region], measured: Sequence[Mapping]) -> lis
 
 
 def _given(volume: Mapping) -> dict[str, float]:
-    """Volumes that a region has given up, without what is rounding."""
+    """Volumes that were cut off a region, without those that are rounding."""
     least = max(_ROUNDING[0], _ROUNDING[1] * volume["whole"])
     return {other: lost for other, lost in volume["given"].items() if lost > least}
 
 
 def field_file(sizes: SizeField) -> bytes:
-    """Binary file of gmsh's field "Structured", in LPS."""
+    """Return a binary file for gmsh's field "Structured", in LPS mm."""
     turned = sizes.sizes[::-1, ::-1]
     last = sizes.origin + sizes.spacing * (np.array(sizes.sizes.shape) - 1)
     origin = np.array([-last[0], -last[1], sizes.origin[2]])

@@ -1,7 +1,7 @@
-"""How large elements may be at each place: small where the surface is strongly curved.
+"""Sizes of elements at each place: small at strongly curved surfaces.
 
-Between a surface of the mean absolute curvature k and linear triangles with edges h there is a gap of about k h^2 / 8
-on average. The gap that keeps the volume is the same everywhere, so h goes with the root of the radius of curvature.
+The mean gap between a surface of mean absolute curvature k and linear triangles with edges h is about k h^2 / 8. It
+shall be the same everywhere, so h is proportional to the square root of the radius of curvature.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from scipy.spatial import cKDTree
 
 from ..geometry.surface import BSplineSurface
 
-# How fast the size grows with the distance from a place of small elements.
+# Growth of the size with the distance from smaller elements, mm per mm.
 GRADING = 0.35
-# An edge spans at most this fraction of the radius of curvature, for shape rather than volume.
+# Largest edge as a share of the radius of curvature, for the quality of the elements, by their order.
 _LONGEST_ARC = {1: 0.9, 2: 1.1}
-# Elements are never made smaller than this fraction of the wanted size.
+# Smallest size as a share of the wanted one.
 _SMALLEST = 0.1
-# Not all of the allowed difference in volume is used, as h is an average.
+# Share of the allowed difference in volume that is used, because h is an average.
 _SAFETY = 0.8
 _SAMPLES = (96, 64)
 _MOST_NODES = 200_000
@@ -56,9 +56,9 @@ def size_field(surfaces: Sequence[BSplineSurface], size: float, *, order: int, v
     size : float
         Largest size, mm.
     order : {1, 2}
-        Second-order elements keep the volume by themselves.
+        Second-order elements keep the volume at any size.
     volume_error : float
-        Relative difference that is allowed between the volumes of mesh and solid.
+        Allowed relative difference between the volumes of mesh and solid.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def _on_surface(surface: BSplineSurface, size: float, order: int, volume_error: 
 
 
 def _graded(points: np.ndarray, sizes: np.ndarray, places: np.ndarray, size: float, *, slack: float) -> np.ndarray:
-    """Least of the sizes at the points, each growing with the distance; `slack` of the distance is free."""
+    """Smallest of the sizes at points, which grow with the distance beyond `slack`, at places: (n,) mm."""
     field = np.full(len(places), float(size))
     smallest = sizes.min()
     if smallest >= size:

@@ -1,4 +1,4 @@
-"""The outer surface of a wall: a B-spline surface at a distance from the lumen's."""
+"""The outer surface of a wall: a B-spline surface at a constant distance from that of the lumen."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
 from .sizes import curvatures
 
-# The wall is as thick as wanted within this fraction, or this length in mm, whichever is more.
+# Allowed error of the thickness, as a share of it or in mm, whichever is more.
 _RELATIVE, _ABSOLUTE = 0.01, 0.01
-# A net with more columns or rows than this is too much for any mesher.
+# Most columns or rows of the net; meshers cannot handle more.
 _LARGEST_NET = 140
-# What is tried for the message where a wall is not possible.
+# Thinner walls that are tried for the message, as shares of the thickness, if one is not possible.
 _THINNER = (0.75, 0.5, 0.25)
-# A ring of control points that is flatter than this lies in one plane.
+# Relative singular value below which a ring of control points lies in one plane.
 _PLANE = 1e-6
 
 
 def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the organ") -> BSplineSurface:
-    """Make the surface at a distance outside of a closed one.
+    """Make the surface at a constant distance outside of a closed one.
 
     Parameters
     ----------
@@ -33,20 +33,19 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
     distance : float
         mm.
     name : str
-        What it is called in messages.
+        Name of the organ in messages.
 
     Returns
     -------
     BSplineSurface
-        Interpolates S + distance n, with as few knots as keep its distance from S within 1 % or 0.01 mm. At a
-        pole, S has a tangent plane but may have shallow creases along rays, whose exact offset is folded however small
-        they are. Where it is, the ring of control points around the pole is an affine image of that of S.
+        RAS mm. It interpolates S + distance n, with the fewest knots that keep its distance from S within 1 % or 0.01
+        mm. At a pole, S has a tangent plane but may have shallow creases, whose exact offset is folded. Then the ring
+        of control points around the pole is an affine image of that of S.
 
     Raises
     ------
     ValueError
-        If the wall would pass through itself, with the place; or if the surface has an edge on which a wall cannot
-        stand.
+        If the wall would pass through itself, or the surface has a sharp edge; the message has the place.
     """
     outer, fault = _outer(surface, distance)
     if outer is not None:
@@ -69,7 +68,7 @@ def offset_surface(surface: BSplineSurface, distance: float, *, name: str = "the
 
 @dataclass(frozen=True)
 class _Fault:
-    """Why there is no wall, and where, RAS mm."""
+    """Why a wall is not possible, and at which place, RAS mm."""
 
     place: np.ndarray
     cause: str = ""
@@ -77,7 +76,7 @@ class _Fault:
 
 
 def _outer(surface: BSplineSurface, distance: float) -> tuple[BSplineSurface | None, _Fault | None]:
-    """Surface at a distance with as few knots as it takes; or what is wrong with it."""
+    """Offset surface with the fewest knots, or the reason why there is none."""
     refined, fault = surface, None
     while max(refined.control_net.shape[:2]) <= _LARGEST_NET:
         exact = _interpolated(surface, refined, distance)
@@ -94,7 +93,7 @@ def _outer(surface: BSplineSurface, distance: float) -> tuple[BSplineSurface | N
 
 
 def _hollow(surface: BSplineSurface, distance: float) -> _Fault | None:
-    """Find the hollow with the smallest radius, if a wall is thicker than that."""
+    """Find the concave place with the smallest radius of curvature, if that is less than the thickness."""
     u, v = (surface.span_steps(axis, per_span=8, middles=True) for axis in (0, 1))
     hollow = -curvatures(surface, u, v)[..., 0]
     i, j = np.unravel_index(np.argmax(hollow), hollow.shape)
@@ -117,7 +116,7 @@ def _interpolated(surface: BSplineSurface, like: BSplineSurface, distance: float
         rows = np.moveaxis(net, axis, 0)
         solved = sparse_linalg.splu(matrix).solve(np.ascontiguousarray(rows.reshape(len(rows), -1)))
         net = np.moveaxis(solved.reshape(rows.shape), 0, axis)
-    # To the last bit, so that the surface counts as closed.
+    # Bit for bit, so that the surface is closed.
     net = np.array(net)
     net[-1] = net[0]
     for end, pole in zip((0, -1), surface.poles):
@@ -149,10 +148,10 @@ def _offset_points(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, distan
 
 
 def _thickness_error(surface: BSplineSurface, outer: BSplineSurface, distance: float):
-    """Largest difference of the wall's thickness between the knots, and where, RAS mm."""
+    """Largest error of the wall's thickness between the knots, mm, and the place, RAS mm."""
     u, v = (outer.span_steps(axis, per_span=3, middles=True) for axis in (0, 1))
     points = outer.grid(u, v)
-    # Along the normals first, which is quick: no point is farther from the surface than from its own one.
+    # The exact offset points bound the error, and are quick to compute.
     exact = surface.grid(u, v) + distance * surface.grid_normals(u, v)
     apart = np.linalg.norm(points - exact, axis=2)
     doubtful = apart > max(_RELATIVE * distance, _ABSOLUTE)

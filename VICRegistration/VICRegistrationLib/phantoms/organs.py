@@ -1,7 +1,7 @@
 """True surfaces of pelvic organs: tubes around centrelines, as closed smooth B-spline surfaces.
 
-The control net of a unit sphere is bent into each organ. The net is finer than the one that is fitted, and its knots
-are others, so that no fit can reproduce an organ exactly.
+The control net of a unit sphere is bent into each organ. It is finer than the nets of fits and has other knots, so that
+no fit can reproduce an organ exactly.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ TRUE_NET = (17, 13)
 
 @dataclass(frozen=True)
 class Press:
-    """A smooth push on a place of an organ: a neighbour's weight, a fold, a bulge.
+    """A smooth local displacement of an organ's surface: a dent, a fold, a bulge.
 
     Parameters
     ----------
     place : (R, A, S)
-        Where it is strongest, RAS mm.
+        Its centre, RAS mm.
     push : (R, A, S)
-        Displacement of that place, mm.
+        Displacement at the centre, mm.
     reach : float
-        Standard deviation of the Gaussian by which it fades, mm.
+        Standard deviation of the Gaussian by which it falls off, mm.
     """
 
     place: tuple
@@ -37,7 +37,7 @@ class Press:
     reach: float
 
     def displacements(self, points: np.ndarray) -> np.ndarray:
-        """Displacements of points (..., 3), in mm."""
+        """Return the displacements of points (..., 3), mm."""
         squared = np.square(points - np.array(self.place)).sum(axis=-1, keepdims=True)
         return np.exp(squared / (-2.0 * self.reach**2)) * np.array(self.push)
 
@@ -51,10 +51,10 @@ class Tube:
     axis : tuple of (R, A, S)
         Coefficients of the centreline, RAS mm.
     lateral, sagittal : tuple of float
-        Coefficients of the half widths to the right and to the front, mm. The tube narrows to its ends like an
-        ellipsoid of these half widths.
+        Coefficients of the half widths to the right and to the front, mm. Towards its ends the tube narrows like an
+        ellipsoid with these half widths.
     presses : tuple of Press
-        What is pressed in or out of the tube.
+        Local displacements.
     """
 
     axis: tuple
@@ -63,7 +63,7 @@ class Tube:
     presses: tuple = ()
 
     def bend(self, points: np.ndarray) -> np.ndarray:
-        """Take points of the unit ball, (..., 3), to points of the organ, (..., 3) RAS mm."""
+        """Map points of the unit ball, (..., 3), to points of the organ, (..., 3) RAS mm."""
         x, y, z = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
         along = np.moveaxis(polyval(z, polyder(np.array(self.axis))), 0, -1)
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
@@ -76,7 +76,8 @@ class Tube:
         return bent + sum(press.displacements(bent) for press in self.presses)
 
 
-# A half width of 1 + z^2 / 2 makes the tube as wide as a cylinder, z^2 takes nothing off it, with round ends.
+# An ellipsoid narrows by sqrt(1 - z^2), which a half width of about 1 + z^2 / 2 compensates: such a tube is a cylinder
+# with round ends.
 ORGANS = {
     "bladder": Tube(
         axis=((2.0, 25.0, 22.0), (2.5, 6.5, 28.5), (1.0, 0.0, -4.0)),
@@ -116,7 +117,7 @@ ORGANS = {
 }
 
 
-# Landmarks around the organs, which make the image look like a pelvis; nobody measures against them.
+# Structures around the organs, so that the image looks like a pelvis; nothing is measured against them.
 UTERUS = Tube(
     axis=((0.0, 4.0, 58.0), (0.0, 27.0, 5.0), (0.0, -3.0, -7.0)),
     lateral=(9.0, 4.0, 0.0),
@@ -141,7 +142,7 @@ def organ_surface(tube: Tube, *, net: tuple[int, int] = TRUE_NET) -> BSplineSurf
     ----------
     tube : Tube
     net : (rows, columns)
-        Size of the control net in the paper's counting.
+        Size of the control net, as the paper counts it.
 
     Returns
     -------
@@ -154,17 +155,17 @@ def organ_surface(tube: Tube, *, net: tuple[int, int] = TRUE_NET) -> BSplineSurf
 
 
 def pelvic_organs() -> dict[str, BSplineSurface]:
-    """Lumens of a filled bladder and of a vagina and a rectum with gel, RAS mm, keyed by name.
+    """Return the lumens of a filled bladder, and of a vagina and a rectum with gel, RAS mm, by name.
 
-    The bladder lies in front, pressed flat from above; the vagina behind it; the rectum last.
+    The bladder is in front and flattened from above, the vagina behind it, the rectum behind that.
     """
     return {name: organ_surface(tube) for name, tube in ORGANS.items()}
 
 
 def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float = 0.02):
-    """Make a closed mesh at a distance outside a surface.
+    """Make a closed mesh at a distance outside of a surface.
 
-    At no distance it encloses the volume of the surface.
+    At the distance 0 it encloses the volume of the surface.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def shell(surface: BSplineSurface, thickness: float = 0.0, *, chord_error: float
 
 
 def seeds_inside(surface: BSplineSurface) -> np.ndarray:
-    """Three points on the centreline of an organ, (3, 3) RAS mm, away from its ends."""
+    """Return three points on the centreline of an organ, (3, 3) RAS mm, away from its ends."""
     (u_low, u_high), (v_low, v_high) = surface.domain
     u = np.linspace(u_low, u_high, 64, endpoint=False)
     v = v_low + (v_high - v_low) * np.array([0.25, 0.5, 0.75])

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def paint(base: np.ndarray, layers: Sequence[tuple[np.ndarray, float | np.ndarray]]) -> np.ndarray:
-    """Paint layers of tissue over a background, later ones over earlier ones, mixing in partial volumes.
+    """Paint layers of tissue over a background, each over those before, with partial volumes.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def paint(base: np.ndarray, layers: Sequence[tuple[np.ndarray, float | np.ndarra
 
     Notes
     -----
-    A wall is an organ's outer surface painted first and its lumen painted over it.
+    For a wall, paint what the organ's outer surface encloses, and then its lumen.
     """
     image = np.array(base, dtype=np.float32)
     for fraction, level in layers:
@@ -54,7 +54,7 @@ def add_coil_bias(
     strength : float
         Relative gain at the centre, above -1: 0.3 is 30 % brighter than far away.
     center : (3,) sequence
-        Brightest place, RAS mm; may lie outside the image.
+        Place with the largest gain, RAS mm; it may lie outside of the image.
     width : float
         Standard deviation of the Gaussian in mm.
 
@@ -103,9 +103,9 @@ def smooth_random_field(
     correlation_mm: float,
     seed: int,
 ) -> np.ndarray:
-    """Smooth random texture, for tissue that is not evenly bright.
+    """Make a smooth random texture for tissue.
 
-    White noise on a coarse grid is spread by Gaussians, one axis after the other.
+    It is white noise on a coarse grid, convolved with Gaussians one axis after the other.
 
     Parameters
     ----------
@@ -123,14 +123,14 @@ def smooth_random_field(
     (nk, nj, ni) float32 array
         Mean 0 and standard deviation 1 over the array.
     """
-    # Noise spread by a Gaussian of deviation s is correlated as a Gaussian of deviation s * sqrt(2).
+    # White noise convolved with a Gaussian of deviation s has a Gaussian correlation of deviation s * sqrt(2).
     deviation = correlation_mm / np.sqrt(2)
     weights = [_gaussian_weights(n, step / deviation) for n, step in zip(shape, np.asarray(spacing)[::-1])]
     field = np.random.default_rng(seed).standard_normal([w.shape[1] for w in weights], dtype=np.float32)
     for weight in weights:
-        # Contracts the leading axis and puts the fine one last: after three turns the order is k, j, i again.
+        # The first axis is contracted, and the fine one comes last: after three times the order is k, j, i again.
         field = np.tensordot(field, weight, axes=(0, 1))
-    # Double sums: a float32 mean of millions of voxels is off by more than rounding.
+    # In double precision: the error of a float32 mean of millions of voxels is too large.
     field -= field.mean(dtype=float)
     return field / np.float32(field.std(dtype=float))
 

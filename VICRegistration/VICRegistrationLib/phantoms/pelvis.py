@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from ..export.mesh_files import write_vtp
+from ..files import write_json
 from ..geometry.surface import BSplineSurface
 from ..geometry.surface_file import write_surface
 from ..geometry.triangulation import triangulate
@@ -26,7 +26,7 @@ LUMEN_LEVELS = {"bladder": 900.0, "vagina": 830.0, "rectum": 800.0}
 WALL_MM = {"bladder": 3.5, "vagina": 3.0, "rectum": 3.5}
 CONFIG_SCHEMA, CONFIG_VERSION = "vic-registration/organs", 1
 
-# The scanner's table is never quite straight: turns about S, A and R in degrees.
+# Rotation of the slices about S, A and R, degrees, because patients never lie quite straight.
 _OBLIQUE = (4.0, -3.0, 2.0)
 _POINT_SPREAD_PIXELS = 0.6
 # Columns are the directions of i, j and k.
@@ -36,7 +36,7 @@ _DIRECTIONS = {
     "coronal": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
 }
 _SUBCUTANEOUS_FAT_MM = 22.0
-# Painted in this order, each as an outer shell of a thickness (mm) and level, and what it holds.
+# Painted in this order: tube, thickness of its wall (mm), grey levels of wall and inside.
 _SURROUNDINGS = (
     (organs.SACRUM, 2.0, 110.0, 330.0),
     (organs.SYMPHYSIS, 2.0, 90.0, 300.0),
@@ -46,7 +46,7 @@ _SURROUNDINGS = (
 
 @dataclass(frozen=True, eq=False)
 class PelvisPhantom:
-    """A synthetic MRI and its truth.
+    """A synthetic MRI with its true surfaces.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def pelvis_phantom(
     Parameters
     ----------
     seed : int
-        Seed of tissue texture and noise; the organs are always the same.
+        Seed of the random texture and noise; the organs do not depend on it.
     noise : float
         Standard deviation of the noise in each of the two channels, as a fraction of the level of urine.
     bias : float
@@ -94,9 +94,9 @@ def pelvis_phantom(
     surfaces : dict of str to BSplineSurface, optional
         Other lumens of these organs, RAS mm, closed; any of them may be left out.
     direction : {"sagittal", "axial", "coronal"}
-        Plane of the slices. Sizes and spacings of the others go with the two directions of theirs.
+        Plane of the slices. Size and spacing are along the pixel directions of that plane, and the slices' normal.
     motion : (4, 4) ndarray, optional
-        Rigid, RAS mm: how the patient has moved before the scan. Surfaces and seeds are those before.
+        Rigid motion of the patient before the scan, RAS mm. Surfaces and seeds are those before the motion.
 
     Returns
     -------
@@ -109,9 +109,9 @@ def pelvis_phantom(
 
     Notes
     -----
-    Levels before bias and noise: urine 900, gel 830 and 800, walls 170 and 2 to 4 mm thick, fat about 550, muscle
-    about 220, air 0. Partial volumes come from a box-shaped slice profile and pixels; the point spread in the plane is
-    a Gaussian of 0.6 pixels.
+    Levels before bias and noise: urine 900, gel 830 and 800, walls 170 and 3 to 3.5 mm thick, fat about 550, muscle
+    about 220, air 0. Slice profile and pixels are boxes, which give the partial volumes; the point spread in the plane
+    is a Gaussian of 0.6 pixels.
     """
     surfaces = surfaces or organs.pelvic_organs()
     shape = (int(n_slices), int(size[1]), int(size[0]))
@@ -128,16 +128,16 @@ def pelvis_phantom(
 
 
 def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike, *, also: Sequence[str] = ()) -> None:
-    """Write image, truth and the seeds as a configuration for fitting.
+    """Write the image, the true surfaces, and a configuration with the seeds for a fit.
 
     Parameters
     ----------
     phantom : PelvisPhantom
     directory : path
-        Is made if it does not exist. Gets ``mri.nii.gz``, ``organs.json``, and the true surfaces as
-        ``truth/NAME.json`` and, to be opened in Slicer, ``truth/NAME.vtp``.
+        Is made if it does not exist. The files are ``mri.nii.gz``, ``organs.json``, and the true surfaces as
+        ``truth/NAME.json`` and, for Slicer, ``truth/NAME.vtp``.
     also : sequence of str
-        Names of files of further stacks there, for the configuration.
+        Names of files of further stacks in that folder, for the configuration.
 
     Raises
     ------
@@ -158,11 +158,11 @@ def write_phantom(phantom: PelvisPhantom, directory: str | os.PathLike, *, also:
         **({"also": list(also)} if also else {}),
         "organs": [{"organ": name, "seed": seeds.round(2).tolist()} for name, seeds in phantom.seeds.items()],
     }
-    (directory / "organs.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+    write_json(directory / "organs.json", config)
 
 
 def _slices_matrix(surfaces, shape, spacing, direction) -> np.ndarray:
-    """Affine matrix of a field of view around the organs."""
+    """Affine matrix (4, 4) of a field of view around the organs."""
     axes = np.array(_DIRECTIONS[direction], dtype=float)
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler("zyx", _OBLIQUE, degrees=True).as_matrix() @ axes * np.asarray(spacing)
@@ -173,7 +173,7 @@ def _slices_matrix(surfaces, shape, spacing, direction) -> np.ndarray:
 
 
 def _check_field_of_view(surfaces, shape, matrix) -> None:
-    """Every organ, with its wall, has to end inside the image."""
+    """Refuse organs that, with their walls, are not inside the image."""
     inverse = np.linalg.inv(matrix)
     last = np.array(shape[::-1]) - 1
     for name, surface in surfaces.items():
@@ -189,7 +189,7 @@ def _check_field_of_view(surfaces, shape, matrix) -> None:
 
 
 def _layers(surfaces, shape, matrix):
-    """Yield what is painted over the background: (fraction, level) pairs, all walls before all lumens."""
+    """Yield layers for `paint`: pairs of fraction and level, all walls before all lumens."""
 
     def fraction(surface, thickness=0.0):
         return volume_fractions(*organs.shell(surface, thickness), shape, matrix)
@@ -211,7 +211,7 @@ def _surroundings(shape, matrix, seed) -> np.ndarray:
     coarse = painting.smooth_random_field(shape, spacing, correlation_mm=max(9.0, spacing.min()), seed=seeds[0])
     fine = painting.smooth_random_field(shape, spacing, correlation_mm=max(2.5, spacing.min()), seed=seeds[1])
     depth = _depth_under_skin(shape, matrix)
-    # Fat under the skin, of uneven thickness; deeper, bundles of muscle in fat.
+    # Fat under the skin with varying thickness, and bundles of muscle in fat below it.
     under_skin = _step((_SUBCUTANEOUS_FAT_MM + 4.0 * coarse - depth) / 2.0)
     fat = np.maximum(under_skin, _step(2.5 * coarse + 0.5 * fine - 0.3))
     tissue = MUSCLE + (FAT - MUSCLE) * fat + 22.0 * fine
@@ -219,7 +219,7 @@ def _surroundings(shape, matrix, seed) -> np.ndarray:
 
 
 def _depth_under_skin(shape, matrix) -> np.ndarray:
-    """About how deep each voxel lies under the belly or the back, mm; negative in air. (nk, nj, ni) float32."""
+    """Approximate depth of each voxel under the belly or the back, mm, negative in air: (nk, nj, ni) float32."""
     k, j, i = np.ogrid[tuple(slice(n) for n in shape)]
     _, anterior, superior = (
         (row[0] * i + row[1] * j).astype(np.float32) + (row[2] * k + row[3]).astype(np.float32) for row in matrix[:3]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,28 +9,29 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import write_json
 from ..geometry.parametrization import rigid_matrix
 from ..imaging.image import Image
 from ..imaging.reading import write_image
 from .pelvis import pelvis_phantom
 
 DIRECTIONS = ("axial", "coronal")
-# About the middle of the organs, RAS mm: the centre of the patient's turn.
+# Centre of the patient's rotation, about the middle of the organs, RAS mm.
 _CENTER = np.array([1.0, 8.0, 6.0])
-# Fewer pixels than the sagittal stack has, and more slices: the organs are longer than wide.
+# Fewer pixels and more slices than the sagittal stack has, because the organs are longer than wide.
 _SIZE, _SLICES = (384, 384), 44
 
 
 @dataclass(frozen=True, eq=False)
 class PhantomStack:
-    """A further stack and the truth about it.
+    """A further stack with the true motion.
 
     Parameters
     ----------
     direction : {"axial", "coronal"}
     image : Image
     motion : (4, 4) ndarray
-        Rigid, RAS mm: takes points of the first stack to where this one shows them.
+        Rigid, RAS mm: maps points of the first stack to this one.
     """
 
     direction: str
@@ -42,16 +42,16 @@ class PhantomStack:
 def further_stacks(
     count: int, *, seed: int = 0, shift_mm: float = 0.0, turn_degrees: float = 0.0, **choices
 ) -> list[PhantomStack]:
-    """Paint further stacks of the pelvis, each with other tissue, other noise and another motion.
+    """Paint further stacks of the pelvis, each with its own texture, noise and motion.
 
     Parameters
     ----------
     count : int
-        0 to 2: axial, and coronal.
+        0 to 2: axial, then coronal.
     seed : int
-        Of the first stack; those of the others follow from it.
+        Seed of the first stack; those of the others follow from it.
     shift_mm, turn_degrees : float
-        How far the patient has moved before each of them, in a direction and about an axis by chance.
+        Translation and rotation of the patient before each of them, in a random direction and about a random axis.
     **choices
         As for :func:`.pelvis.pelvis_phantom`.
 
@@ -97,5 +97,5 @@ def write_stacks(stacks: Sequence[PhantomStack], directory: str | os.PathLike) -
     for name, stack in zip(names, stacks):
         write_image(stack.image, Path(directory) / name)
     motions = {name: stack.motion.tolist() for name, stack in zip(names, stacks)}
-    (truth / "motion.json").write_text(json.dumps(motions, indent=2) + "\n", encoding="utf-8")
+    write_json(truth / "motion.json", motions)
     return names

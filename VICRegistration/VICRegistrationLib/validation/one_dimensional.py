@@ -1,7 +1,7 @@
 """The one-dimensional example of figures 5 and 6: a profile shifted along a row of pixels.
 
-The paper prints the grey levels of its row only as a figure. Chosen here: the profile itself (equation 3), placed at
-the true shift, sampled at whole pixels, and interpolated by a cubic spline.
+The paper shows the grey levels of its row only in a figure. Here they are the profile itself (equation 3) at the true
+shift, sampled at whole pixels and interpolated by a cubic spline.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def interpolated(pixels: np.ndarray, positions: np.ndarray) -> np.ndarray:
 
 
 def cost(shifts: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Cost of the virtual image for each shift, (n,).
+    """Return the cost of the virtual image for each shift, in pixels, (n,).
 
     Notes
     -----

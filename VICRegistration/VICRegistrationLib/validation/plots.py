@@ -24,7 +24,7 @@ _LINES = ("-", (0, (4, 2)), (0, (1, 1.5)))
 
 
 def parameters(test: PrototypicalTest, history: Sequence[Step]) -> np.ndarray:
-    """Free parameters of equation 2 after each iteration.
+    """Compute the free parameters of equation 2 after each iteration.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def convergence_plot(path: str | os.PathLike, test: PrototypicalTest, histories:
         PNG file to write.
     test : PrototypicalTest
     histories : mapping of int to sequence of Step
-        By the number of voxels along each axis of the image.
+        Steps by the number of voxels along each axis of the image.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
     image : Image
         From :func:`..validation.prototypical.prototypical_image`.
     histories : mapping of str to sequence of Step
-        By the names of the tests.
+        Steps by the names of the tests.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def bell_picture(path: str | os.PathLike, image: Image, histories: Mapping[str, 
 
 
 def _draw_costs(axes, history: Sequence[Step], line, *, with_labels: bool) -> None:
-    """Cost of each stage as a line of its own: another image and another ramp are another cost."""
+    """Draw the cost of each stage as a line of its own: costs of different blurs and ramps cannot be compared."""
     stages = list(dict.fromkeys(step.stage for step in history))
     first = 1
     for number, stage in enumerate(stages):

@@ -1,12 +1,13 @@
-"""Section 2.3 of the paper: a bell-like surface is found again in its own image.
+"""Section 2.3 of the paper: a bell-like surface is transformed and then registered to its own image.
 
-The paper does not say how large its bell is in the 100 mm image, how the image goes on below the bell's open rim, or
-how strong the Gaussian smoothing is. Chosen here: a bell of 50 mm in the middle of the image, its wall continued
-straight down below the rim, and a smoothing of 0.5 mm (standard deviation).
+The paper does not say how large its bell is in the 100 mm image, what the image shows below the bell's open rim, or how
+strong the Gaussian smoothing is. Here the bell is 50 mm large and in the middle of the image, its wall is continued
+straight down below the rim, and the smoothing is 0.5 mm (standard deviation).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -20,6 +21,7 @@ from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from ..registration.sample_grid import SampledSurface, SampleGrid
 from ..registration.stages import Stage, Step, run_stage
+from ..registration.steps import finish
 from ..registration.virtual_image import IntensityProfile, VirtualImage
 
 IMAGE_MM = 100.0
@@ -39,7 +41,7 @@ class PrototypicalTest:
     ----------
     name : str
     imposed : (4, 4) ndarray
-        Affine matrix imposed on the bell to get the start model.
+        Affine matrix that maps the bell to the start model, mm.
     free : tuple of str
         Free parameters of equation 2.
     paper_errors : tuple of float
@@ -54,8 +56,12 @@ class PrototypicalTest:
     @property
     def theory(self) -> np.ndarray:
         """Values of the free parameters that undo the imposed transformation, in the order of `free`."""
-        inverse = np.linalg.inv(self.imposed)
-        return np.array([inverse[int(n[1]), int(n[2]) if n[0] == "R" else 3] for n in self.free])
+        return parameters_in(np.linalg.inv(self.imposed), self.free)
+
+
+def parameters_in(matrix: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Return the parameters of equation 2 with given names, such as R01 or T2, of a 4x4 matrix."""
+    return np.array([matrix[int(name[1]), int(name[2]) if name[0] == "R" else 3] for name in names])
 
 
 def _imposed(linear: np.ndarray, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -83,7 +89,7 @@ TESTS = (
 
 
 def prototypical_image(n: int) -> Image:
-    """Make the image of the bell: n^3 voxels over 100 mm, grey 1 inside to 0 outside over 6 mm, Gaussian smoothed.
+    """Make the image of the bell: n^3 voxels over 100 mm, grey levels from 1 inside to 0 outside over 6 mm, smoothed.
 
     Parameters
     ----------
@@ -102,7 +108,7 @@ def prototypical_image(n: int) -> Image:
     for k in range(n):
         points = image.to_ras(_indices(image, k))
         distance, _ = Sampler(rough).values(points)
-        # Half a coarse voxel more than the ramp: the rough distances decide only what is far inside or far outside.
+        # The rough distances are used only where they are beyond the ramp by a coarse voxel or more.
         near = np.abs(distance) < RAMP_MM / 2.0 + IMAGE_MM / 25.0
         distance[near] = _distances(points[near])
         grey[k] = PROFILE.value(distance).reshape(n, n)
@@ -134,9 +140,9 @@ def _bell_samples() -> tuple[cKDTree, np.ndarray, np.ndarray]:
 
 
 def _distances(points: np.ndarray) -> np.ndarray:
-    """Signed distance (n,) of points (n, 3) from the bell and its straight continuation below the rim.
+    """Signed distances (n,) of points (n, 3) from the bell and its straight continuation below the rim, mm.
 
-    Measured along the normal of the nearest of many samples: with these, good to 0.002 mm near the surface.
+    They are measured along the normal of the nearest sample; near the surface the error is up to 0.002 mm.
     """
     tree, surface_points, normals = _bell_samples()
     points = points * [1.0, 1.0, 0.0] + np.maximum(points[:, 2:], -BELL_MM / 2.0) * [0.0, 0.0, 1.0]
@@ -157,7 +163,7 @@ def run_test(test: PrototypicalTest, image: Image, *, solver: str = "gauss-newto
     Returns
     -------
     values : (n_free,) ndarray
-        The free parameters of equation 2 at the end, in the order of ``test.free``.
+        Free parameters of equation 2 after the registration, in the order of ``test.free``.
     history : list of Step
     """
     start = models.bell(BELL_MM).transformed(test.imposed)
@@ -166,20 +172,14 @@ def run_test(test: PrototypicalTest, image: Image, *, solver: str = "gauss-newto
     surface, history = start, []
     for stage in _plan(image, solver):
         moving = affine(surface, free=test.free, center=np.zeros(3))
-        steps = run_stage(stage, SampledSurface(moving, grid))
-        while True:
-            try:
-                history.append(next(steps))
-            except StopIteration as end:
-                whole = affine_matrix(end.value, free=test.free) @ whole
-                break
+        found = finish(run_stage(stage, SampledSurface(moving, grid)), history.append)
+        whole = affine_matrix(found, free=test.free) @ whole
         surface = history[-1].surface
-    values = [whole[int(n[1]), int(n[2]) if n[0] == "R" else 3] for n in test.free]
-    return np.array(values), history
+    return parameters_in(whole, test.free), history
 
 
 def _plan(image: Image, solver: str) -> list[Stage]:
-    """From far to near: the blurred image is compared over a wide ramp first."""
+    """Make the stages: the image is blurred and the ramp wide in the first, both less in the next ones."""
     stages = []
     for blur, width in ((10.0, 40.0), (5.0, 20.0), (2.0, 10.0), (0.0, RAMP_MM)):
         last = blur == 0.0
@@ -202,6 +202,6 @@ def _plan(image: Image, solver: str) -> list[Stage]:
 
 @lru_cache(maxsize=3)
 def _blurred(image: Image, sigma_mm: float) -> Image:
-    """Blur an image by a Gaussian, as wide in mm along every axis; kept, because all tests take the same."""
+    """Blur an image by a Gaussian, isotropic in mm; cached, because all tests use the same images."""
     blurred = ndimage.gaussian_filter(image.array.astype(np.float32), sigma_mm / image.spacing[::-1], mode="nearest")
     return Image(blurred, image.ijk_to_ras)

@@ -24,6 +24,7 @@ from .prototypical import (
     SMOOTHING_MM,
     TESTS,
     PrototypicalTest,
+    parameters_in,
     prototypical_image,
     run_test,
 )
@@ -58,10 +59,10 @@ class Run:
     size : int
         Voxels along each axis of the image.
     found : (n_free,) ndarray
-        Free parameters at the end, in the order of ``test.free``.
+        Free parameters after the registration, in the order of ``test.free``.
     history : tuple of Step
     seconds : float
-        Time of the registration, without that of making the image.
+        Time of the registration, without making the image.
     """
 
     test: PrototypicalTest
@@ -91,12 +92,12 @@ def reproduce(
     sizes : sequence of int
         Voxels along each axis of the images.
     say : callable, optional
-        Called with a line of progress before and after each part.
+        Called with lines of progress.
 
     Raises
     ------
     RuntimeError
-        If matplotlib is not installed; before anything is computed.
+        If matplotlib is not installed, before anything is computed.
     OSError
         If a file cannot be written.
     """
@@ -154,7 +155,7 @@ def run_tests(image: Image, size: int, *, say: Callable[[str], None]) -> list[Ru
 
 
 def csv_text(runs: Sequence[Run]) -> str:
-    """Table with a row for each free parameter of each test.
+    """Make a CSV table with a row for each free parameter of each test.
 
     Parameters
     ----------
@@ -173,12 +174,13 @@ def csv_text(runs: Sequence[Run]) -> str:
     writer.writerow(["test", "parameter", "unit", "imposed", "theory", *per_size, "error_paper"])
     for test in TESTS:
         own = sorted((run for run in runs if run.test is test), key=lambda run: run.size)
+        imposed = parameters_in(test.imposed, test.free)
         for k, name in enumerate(test.free):
             cells = [
                 test.name,
                 name,
                 _unit(name).strip() or "1",
-                _number(_imposed(test, name)),
+                _number(imposed[k]),
                 _number(test.theory[k]),
             ]
             for run in own:
@@ -188,18 +190,18 @@ def csv_text(runs: Sequence[Run]) -> str:
 
 
 def markdown(runs: Sequence[Run], shift: float) -> str:
-    """Table for people.
+    """Make the tables of the report.
 
     Parameters
     ----------
     runs : sequence of Run
     shift : float
-        Found in the example of figures 5 and 6, pixels.
+        Result of the example of figures 5 and 6, pixels.
 
     Returns
     -------
     str
-        Markdown that can also be read as it is.
+        Markdown.
     """
     sizes = sorted({run.size for run in runs})
     title = ["test", "parameter", "imposed", "theory"]
@@ -207,8 +209,9 @@ def markdown(runs: Sequence[Run], shift: float) -> str:
     rows, efforts = [], []
     for test in TESTS:
         own = sorted((run for run in runs if run.test is test), key=lambda run: run.size)
+        imposed = parameters_in(test.imposed, test.free)
         for k, name in enumerate(test.free):
-            numbers = [_imposed(test, name), test.theory[k]]
+            numbers = [imposed[k], test.theory[k]]
             numbers += [number for run in own for number in (run.found[k], run.errors[k])]
             cells = [_number(number, 4) for number in numbers]
             rows.append([test.name if k == 0 else "", name + _unit(name), *cells, f"{test.paper_errors[k]:.2f}"])
@@ -233,11 +236,6 @@ def markdown(runs: Sequence[Run], shift: float) -> str:
         ),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def _imposed(test: PrototypicalTest, name: str) -> float:
-    """Value of a parameter that was imposed on the start model."""
-    return test.imposed[int(name[1]), int(name[2]) if name[0] == "R" else 3]
 
 
 def _unit(name: str) -> str:
