@@ -288,7 +288,7 @@ def test_a_label_map_in_the_place_of_an_mri_is_told(tmp_path, capsys):
     image, path = ellipsoid_image(), tmp_path / "label.nrrd"
     write_image(Image((image.array > 600).astype(np.uint8), image.ijk_to_ras), path)
     fit(path, "--organ", "bladder", "--seed", SEED, "--output", tmp_path / "out", "--quiet", "--no-pictures")
-    assert f"warning: {path}: it holds only 2 different values, as a label map does" in capsys.readouterr().err
+    assert f"warning: {path}: it has only 2 different values, like a label map" in capsys.readouterr().err
 
 
 def test_an_organ_at_the_border_is_fitted_with_a_warning(tmp_path, capsys):

@@ -136,7 +136,10 @@ def test_an_image_that_cannot_be_used(refused_fit, tmp_path, image, make, words)
     ("options", "words"),
     [
         (["--threshold", "900,300"], ["The threshold is 900,300", "the lowest first"]),
-        (["--threshold", "2000,3000"], ["threshold 2000 to 3000 holds no voxel", "grey levels of the image go from"]),
+        (
+            ["--threshold", "2000,3000"],
+            ["threshold 2000 to 3000 contains no voxel", "grey levels of the image go from"],
+        ),
         (["--threshold", "600,700"], ["outside the threshold 600 to 700", "move the seed"]),
         (["--seed", "500,0,0"], ["seed (500.0, 0.0, 0.0) mm lies outside the volume", "Give RAS coordinates in mm"]),
         (["--seed", "-12,8,6", "--threshold", "600,1000"], ["outside the threshold 600 to 1000"]),
@@ -337,7 +340,7 @@ def test_a_phantom_does_not_replace_the_files_of_a_user(refused, tmp_path, name)
     folder = tmp_path / "patient"
     folder.mkdir()
     (folder / name).write_text("mine")
-    assert f"{folder / name} is there and is not of a phantom; choose another folder" in refused("phantom", folder)
+    assert f"{folder / name} exists and is not part of a phantom; choose another folder" in refused("phantom", folder)
     assert (folder / name).read_text() == "mine"
     assert [path.name for path in folder.iterdir()] == [name]
 

@@ -193,7 +193,7 @@ def test_an_earlier_comparison_is_replaced_and_that_is_said(fitted, truth, tmp_p
 def test_files_of_something_else_are_not_replaced(fitted, truth, tmp_path, capsys, name, text):
     (tmp_path / name).write_text(text)
     assert run(fitted["bladder"], truth, "--output", tmp_path, "--points", 100, "--no-pictures") == 2
-    assert f"{tmp_path / name} is there and is not of a comparison; choose another folder" in capsys.readouterr().err
+    assert f"{tmp_path / name} exists and is no comparison; choose another folder" in capsys.readouterr().err
     assert (tmp_path / name).read_text() == text
 
 
@@ -219,7 +219,7 @@ def test_what_is_wrong_is_said_in_one_line(fitted, truth, label, tmp_path, capsy
         ((bladder, label), "holds 2 labels, 3, 5; choose one with --label"),
         ((bladder, label, "--label", 4), "holds no label 4, but 3, 5; choose one of these"),
         ((bladder, label, "--label", "uterus=3"), "--label uterus=3 was given, but the organs are bladder"),
-        ((bladder, label, "--label", 3, "--label", 5), "--label was given 2 times; say which is for which organ"),
+        ((bladder, label, "--label", 3, "--label", 5), "--label was given 2 times; give the organ of each"),
         ((bladder, truth / "rectum.stl", "--label", 3), "--label was given, which does not fit"),
         ((bladder, tmp_path / "truth", "--frame", "RAS"), "The frame of a mesh was given, which does not fit"),
         ((bladder, truth, "--output", blocked), "is not a folder; choose a folder for the output"),

@@ -93,9 +93,9 @@ def test_the_report_of_a_fit_is_left_out_with_a_word(bladder, out, tmp_path, cap
     (tmp_path / "report.json").write_text('{"schema": "vic-registration/report"}')
     assert export(bladder, tmp_path / "report.json", "--step", out / "a.step") == 0
     assert products(out / "a.step") == ["bladder"]
-    assert "report.json is the report of a fit and holds no surface; it is left out" in capsys.readouterr().err
+    assert "report.json is the report of a fit and has no surface; it is skipped" in capsys.readouterr().err
     assert export(tmp_path / "report.json", "--step", out / "b.step") == 2
-    assert "report.json holds no surface; give the organ's file" in capsys.readouterr().err.splitlines()[-1]
+    assert "report.json has no surface; give the organ's file" in capsys.readouterr().err.splitlines()[-1]
     assert names(out) == ["a.step"]
 
 
@@ -172,13 +172,13 @@ def test_an_invalid_surface_leaves_no_file_at_all(bladder, tmp_path, out, capsys
 def test_two_surfaces_of_one_name_are_refused(bladder, tmp_path, out, capsys):
     write_surface(organ(), tmp_path / "other.json", name="Bladder")
     assert export(bladder, tmp_path / "other.json", "--step", out / "a.step") == 2
-    assert "both hold a surface named 'Bladder'; give the surfaces of different organs" in capsys.readouterr().err
+    assert "both have a surface named 'Bladder'; give surfaces of different organs" in capsys.readouterr().err
 
 
 def test_a_name_that_files_cannot_have_is_refused_where_it_would_be_one(tmp_path, out, capsys):
     write_surface(organ(), tmp_path / "a.json", name="a/b")
     assert export(tmp_path / "a.json", "--stl", f"{out}/") == 2
-    assert "A surface cannot give a file its name: the name 'a/b' holds '/'" in capsys.readouterr().err
+    assert "The name of a surface cannot be that of a file: the name 'a/b' holds '/'" in capsys.readouterr().err
     assert export(tmp_path / "a.json", "--stl", out / "fine.stl") == 0
 
 
@@ -228,7 +228,7 @@ def test_a_fit_that_is_no_solid_gets_no_step_file_and_a_warning(image_path, out,
     monkeypatch.setattr(organ_fit, "check_surface", lambda surface: next(problems, ()))
     assert fit(image_path, out, "--step") == 0
     assert [name for name in names(out) if name.endswith(".step")] == ["copy.step"]
-    assert "bladder: warning: there is no bladder.step" in capsys.readouterr().err
+    assert "bladder: warning: bladder.step was not written" in capsys.readouterr().err
     report = json.loads((out / "report.json").read_text())
     assert "bladder.step" not in report["organs"]["bladder"]["files"]
     assert "copy.step" in report["organs"]["copy"]["files"]

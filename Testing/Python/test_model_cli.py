@@ -56,7 +56,7 @@ def test_other_formats_and_the_input_itself_are_refused(path, tmp_path, capsys):
 
 def test_nothing_is_wrong_with_a_good_model(path, capsys):
     assert cli.main(["model", "check", str(path)]) == 0
-    assert capsys.readouterr().out == f"{path}: 3 parts, 15 patches, 221 points; nothing is wrong.\n"
+    assert capsys.readouterr().out == f"{path}: 3 parts, 15 patches, 221 points; no errors found.\n"
 
 
 def test_all_that_is_wrong_is_printed_and_the_exit_code_says_so(path, capsys):

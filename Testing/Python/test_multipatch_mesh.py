@@ -143,5 +143,5 @@ def test_a_model_is_no_surface_for_other_commands(model, tmp_path, capsys):
     write_model(model, tmp_path / "model.json")
     assert cli.main(["export", str(tmp_path / "model.json"), "--step", str(tmp_path / "a.step")]) == 2
     words = capsys.readouterr().err
-    assert "is a model of several organs and not the surface of one; it is left out" in words
+    assert "is a model of several organs and not the surface of one; it is skipped" in words
     assert "Models of several organs (model.json) are for the commands model and mesh" in words

@@ -81,7 +81,7 @@ def test_what_cannot_be_met_is_told(folder, tmp_path, capsys, words, needed):
 def test_a_mesh_is_no_region(folder, tmp_path, capsys):
     words = ["--organ", "bladder", "--region", tmp_path / "bladder.stl", "--output", tmp_path / "out"]
     assert fit(folder, *words) == 2
-    assert "bladder.stl is a mesh or a surface; a region is a label image" in capsys.readouterr().err
+    assert "bladder.stl is a mesh or a surface, but a region is a label image" in capsys.readouterr().err
 
 
 def test_what_a_label_leaves_open_is_a_warning_of_the_command(folder, tmp_path, capsys):

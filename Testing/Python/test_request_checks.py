@@ -52,7 +52,7 @@ def test_voxel_indices_are_recognised(image):
 def test_other_places_are_told_without_a_guess(image, seed):
     told = complaint(image, [seed])
     assert "R 101.0 to 141.0, A 99.0 to 179.0, S 101.0 to 181.0 mm" in told
-    assert told.endswith("Give RAS coordinates in mm, as Slicer shows them under the mouse pointer.")
+    assert told.endswith("Give RAS coordinates in mm, as Slicer shows them for the mouse pointer.")
 
 
 def test_nothing_is_guessed_if_it_holds_for_some_seeds_only(image):
@@ -67,7 +67,7 @@ def test_boundary_points_may_lie_beside_the_volume_but_not_elsewhere(image):
 
 
 def test_a_threshold_that_holds_no_voxel_is_refused(image):
-    with pytest.raises(ValueError, match="threshold 40000 to 50000 holds no voxel: .* go from 0 to 31999"):
+    with pytest.raises(ValueError, match="threshold 40000 to 50000 contains no voxel: .* go from 0 to 31999"):
         check_request(image, organ_request("bladder", [(120, 110, 120)], threshold=(4e4, 5e4)))
 
 
@@ -75,7 +75,7 @@ def test_a_threshold_that_holds_no_voxel_is_refused(image):
     ("bad", "told"),
     [
         ({"seed": [500, 0, 0]}, "lies outside the volume"),
-        ({"threshold": [5000, 6000]}, "holds no voxel"),
+        ({"threshold": [5000, 6000]}, "contains no voxel"),
         ({"threshold": [600, 700]}, "outside the threshold"),
         ({"seed": [-12, 8, 6], "threshold": [600, 1000]}, "outside the threshold"),
         ({"erosion": 19}, "erosion of 19 mm leaves nothing"),

@@ -67,7 +67,7 @@ def test_an_organ_is_replaced_and_what_would_show_the_old_one_is_removed(images,
     found = check_report(results)
     assert found["organs"]["bladder"]["net"] == "7x6"
     assert not (results / "bladder.step").exists()
-    assert capsys.readouterr().err == f"removed from {results}, as outdated: bladder.step\n"
+    assert capsys.readouterr().err == f"removed from {results} because outdated: bladder.step\n"
 
 
 def test_a_second_fit_with_step_keeps_its_solids(images, results, capsys):
@@ -87,7 +87,7 @@ def test_the_assembly_holds_all_organs_and_goes_with_its_first_change(images, re
     assert set(check_report(results)["files"]) == {"organs.step"}
     assert fit(*common, seed=OTHER_SEED) == 0
     assert check_report(results)["files"] == {}
-    assert capsys.readouterr().err == f"removed from {results}, as outdated: organs.step, rectum.step\n"
+    assert capsys.readouterr().err == f"removed from {results} because outdated: organs.step, rectum.step\n"
 
 
 def test_the_page_of_an_earlier_organ_is_as_it_was(images, pictured, tmp_path):

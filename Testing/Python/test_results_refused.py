@@ -16,9 +16,12 @@ def test_another_image_is_refused_and_nothing_changes(images, results, capsys):
     before = content(results)
     assert fit(images / "other.nrrd", "rectum", results, "--no-pictures") == 2
     line = capsys.readouterr().err
-    assert f"The folder {results} holds results of another image, {images / 'mri.nrrd'}; choose another folder" in line
+    told = (
+        f"The folder {results} has results of another image, {images / 'mri.nrrd'}, and a folder belongs to one image;"
+    )
+    assert f"{told} choose another folder" in line
     assert fit(images / "changed" / "mri.nrrd", "rectum", results, "--no-pictures") == 2
-    assert "holds results of an earlier version of" in capsys.readouterr().err
+    assert "has results of an earlier version of" in capsys.readouterr().err
     assert content(results) == before
 
 
@@ -27,7 +30,7 @@ def test_files_of_the_user_are_not_replaced(images, results, capsys, name):
     (results / name).write_text("mine")
     before = content(results)
     assert fit(images / "mri.nrrd", "rectum", results, "--no-pictures", "--step") == 2
-    assert f"{results / name} is there and is no result of a fit; move it elsewhere" in capsys.readouterr().err
+    assert f"{results / name} exists and is no result of a fit; move it elsewhere" in capsys.readouterr().err
     assert content(results) == before
 
 
@@ -45,7 +48,7 @@ def test_an_outdated_result_that_the_user_has_changed_stays(images, results, cap
     assert fit(images / "mri.nrrd", "bladder", results, "--no-pictures") == 0
     assert (results / "bladder.step").read_text() == "mine"
     check_report(results, others=("notes.txt", "bladder.step"))
-    assert "bladder.step is outdated; it was changed since it was written, so it is left" in capsys.readouterr().err
+    assert "bladder.step is outdated, but is kept because it was changed" in capsys.readouterr().err
 
 
 def test_who_removes_a_surface_takes_the_organ_out(images, results, capsys):
@@ -53,7 +56,7 @@ def test_who_removes_a_surface_takes_the_organ_out(images, results, capsys):
     assert fit(images / "mri.nrrd", "rectum", results, "--no-pictures") == 0
     assert list(check_report(results)["organs"]) == ["rectum"]
     told = capsys.readouterr().err
-    assert f"no longer in the report, as the surface was removed from {results}: bladder" in told
+    assert f"no longer in the report, because the surface was removed from {results}: bladder" in told
     assert "bladder.vtp" in told
 
 
@@ -73,8 +76,11 @@ def test_an_earlier_organ_that_is_damaged_is_told_before_the_fit(images, results
     [
         ("{", "is damaged"),
         ("[]", "is no report of a fit"),
-        ('{"schema": "mine"}', "is no report of a fit, and one would replace it"),
-        ('{"schema": "vic-registration/report", "version": 1}', "has version 1, and version 2 is understood"),
+        ('{"schema": "mine"}', "is no report of a fit, and would be replaced"),
+        (
+            '{"schema": "vic-registration/report", "version": 1}',
+            "has version 1, but this version of the program reads version 2",
+        ),
     ],
 )
 def test_a_report_that_cannot_be_continued_is_refused(images, results, capsys, text, told):
@@ -105,13 +111,13 @@ def test_a_report_that_says_the_same_in_other_words_is_continued(images, results
 
 def test_a_name_that_differs_in_its_case_is_refused(images, results, capsys):
     assert fit(images / "mri.nrrd", "Bladder", results, "--no-pictures") == 2
-    assert "holds an organ bladder; name it like that" in capsys.readouterr().err
+    assert "has an organ bladder; use that name" in capsys.readouterr().err
 
 
 def test_a_reference_of_an_earlier_run_that_is_gone_is_told(images, results, capsys):
     refer(results, "bladder", {"path": str(results / "gone.json"), "label": None, "largest": False, "frame": None})
     assert fit(images / "mri.nrrd", "rectum", results, seed=OTHER_SEED) == 0
     told = capsys.readouterr().err
-    assert "bladder: warning: report.html is without its reference, which cannot be read again" in told
+    assert "bladder: warning: report.html does not show its reference, which cannot be read again" in told
     assert "gone.json" in told
     check_report(results)

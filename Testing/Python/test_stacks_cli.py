@@ -160,7 +160,7 @@ def test_one_of_several_volumes_is_chosen_behind_an_at_sign(folder, tmp_path, ca
     assert np.array_equal(read_image(place, **choice).array, axial.array)
     words = ["--organ", "bladder", "--seed", SEED, "--no-pictures", "--output", tmp_path / "out"]
     assert fit(folder, "--also", f"{path}@second", *words) == 2
-    assert "after the @ of a file is the number of its volume" in capsys.readouterr().err
+    assert "after a file and @ the number of a volume is needed" in capsys.readouterr().err
 
 
 def test_a_name_with_an_at_sign_is_a_name(tmp_path):

@@ -180,7 +180,8 @@ SENTENCES = {
         "The reference {reference} has {count} pieces, and all of them count. --largest keeps only the largest one."
     ),
     "reference_hollow": _(
-        "The reference {reference} has {count} cavities inside, and their surfaces count as well. --largest fills them."
+        "The reference {reference} has cavities inside ({count}), and their surfaces count as well. --largest fills "
+        "them."
     ),
     "reference_open_wall": _(
         "The reference {reference} is a wall without its lumen: {share:.0%} of what it encloses in its slices is not "

@@ -1,4 +1,4 @@
-"""The command line ``vic-registration``: one function that runs it, and the codes it ends with."""
+"""The command line ``vic-registration``: the function that runs a command, and its exit codes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     Parameters
     ----------
     arguments : sequence of str, optional
-        Words after the program's name; those of the process if not given.
+        Arguments after the program's name; those of the process if not given.
     program : str
-        What the line about an error begins with; with nothing it is the sentence alone, for those who show it.
+        Name at the beginning of an error message; empty for callers that show the message themselves.
 
     Returns
     -------
     int
-        0; or 2 after one line on stderr that says what is wrong and what to do, with nothing half written; 3 if some of
-        several organs could not be fitted; 130 after Ctrl-C and 143 after SIGTERM, with nothing written; 141 if who
-        reads stdout has gone.
+        0; 2 for an error, after one line on stderr that says what is wrong and what to do; 3 if some of several organs
+        could not be fitted; 130 after Ctrl-C and 143 after SIGTERM; 141 if the reader of stdout has closed it. Nothing
+        is written with 2, 130 and 143.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     error_name = f"{name}error: " if program else ""
     try:
         with stoppable(), lines_to(sys.stderr):
-            # Takes about a second, in which Ctrl-C is pressed too.
+            # Imported here, because it takes about a second, in which the user may press Ctrl-C.
             from .arguments import parsed_arguments
 
             options = parsed_arguments(sys.argv[1:] if arguments is None else arguments)
@@ -56,16 +56,16 @@ def main(arguments: Sequence[str] | None = None, *, program: str = PROGRAM) -> i
     except Terminated:
         return _ended(f"{name}terminated; nothing was written", TERMINATED)
     except OverflowError as error:
-        return _ended(f"{error_name}A number is too large to be worked with ({error}); check the options.", USAGE_ERROR)
+        return _ended(f"{error_name}A number is too large ({error}); check the options.", USAGE_ERROR)
     except MemoryError:
         return _ended(
-            f"{error_name}There is not enough memory; crop the image, or ask for a coarser net, mesh or chord error.",
+            f"{error_name}There is not enough memory; crop the image, or give a coarser net, mesh or chord error.",
             USAGE_ERROR,
         )
     except (ValueError, OSError, RuntimeError) as error:
         return _ended(f"{error_name}{error}", USAGE_ERROR)
     finally:
-        # After --help too: Python complains of a pipe that is closed as it ends.
+        # After --help too: Python reports an error if stdout is a closed pipe at its end.
         flush_or_drop(sys.stdout)
 
 

@@ -1,4 +1,4 @@
-"""Words of the command line."""
+"""Parser of the command line."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _COMMANDS = (
     phantom_command,
     reproduce_command,
 )
-# Their values may begin with a minus sign, which argparse takes for an option unless it is one number; those
-# that must not are to be refused with their own sentence.
+# Flags whose values may begin with a minus sign, which argparse takes for an option unless it is a single number. Flags
+# with values that must be positive are among them, so that a negative one is refused with their own message.
 _NUMERIC = (
     *("--seed", "--boundary", "--size", "--wall", "--time-limit", "--volume-error", "--label", "--frame", "--points"),
     "--motion",
@@ -50,17 +50,17 @@ examples:
   vic-registration compare build/fit/*.vtp build/phantom/truth --output build/deviation
   vic-registration reproduce build/reproduce
 
-Exit status: 0; 2 if something is wrong (one line on stderr says what, and nothing is written); 3 if --keep-going left
-organs out, --strict found a poor one, or model check found something; 130 after Ctrl-C and 143 after SIGTERM (nothing
-is written).
+Exit status: 0; 2 for an error (one line on stderr says what is wrong, and nothing is written); 3 if --keep-going left
+organs out, --strict found a verdict poor, or model check found an error; 130 after Ctrl-C and 143 after SIGTERM
+(nothing is written).
 """
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose complaints are one line."""
+    """Parser whose errors are one line."""
 
     def error(self, message: str) -> None:
-        """Print the complaint and leave with code 2."""
+        """Print the error and exit with code 2."""
         line = " ".join(message.split()).rstrip(".")
         line = line.replace("the following arguments are required: ", "this is missing: ")
         for action in self._actions:
@@ -69,7 +69,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{PROGRAM}: error: {line}; see {self.prog} --help.\n")
 
     def refuse_unknown(self, word: str) -> None:
-        """Print the usage of this command, and what it does not know."""
+        """Print the usage of this command, and an error about an unknown argument."""
         self.print_usage(sys.stderr)
         if not word.startswith("-"):
             self.error(f"{word} is one argument too many")
@@ -79,7 +79,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
-    """Parse the words of a command.
+    """Parse the arguments of a command.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def parsed_arguments(arguments: Sequence[str]) -> argparse.Namespace:
     Returns
     -------
     argparse.Namespace
-        With the command's function as ``run``.
+        Its ``run`` is the command's function.
 
     Raises
     ------

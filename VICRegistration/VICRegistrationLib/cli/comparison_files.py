@@ -1,4 +1,4 @@
-"""Comparisons as a table for people and as files."""
+"""Comparisons as a printed table and as files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..export.mesh_files import write_vtp
 from ..files import write_json, write_text
 from ..report.contents import STATISTICS, ComparedOrgan
 from .console import aligned
-from .outputs import PROGRAM
+from .outputs import PROGRAM_VERSION
 
 JSON, CSV = "comparison.json", "comparison.csv"
 SCHEMA, VERSION = "vic-registration/comparison", 1
@@ -21,7 +21,7 @@ SCALARS = "Deviation"
 
 
 def comparison_table(organs: Sequence[ComparedOrgan]) -> str:
-    """Tables of the distances, and of what organs and references have in common.
+    """Tables of the distances, of Dice and of the volumes.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def organs_before(folder: Path) -> list[str]:
     Raises
     ------
     ValueError
-        If it holds files of these names that are of something else.
+        If it holds files of these names that are no comparison.
     """
     there = [folder / name for name in (CSV, JSON) if (folder / name).exists()]
     if not there:
@@ -79,7 +79,7 @@ def organs_before(folder: Path) -> list[str]:
             return list(content["organs"])
     except (OSError, ValueError, LookupError, TypeError):
         pass
-    msg = f"{there[0]} is there and is not of a comparison; choose another folder for the output."
+    msg = f"{there[0]} exists and is no comparison; choose another folder for the output."
     raise ValueError(msg)
 
 
@@ -132,7 +132,7 @@ def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int,
     organs : sequence of ComparedOrgan
     folder : Path
     points : int
-        That distances were taken at.
+        Number of points on each surface.
     pictures : bool
         Whether pictures are drawn.
 
@@ -149,7 +149,7 @@ def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int,
     content = {
         "schema": SCHEMA,
         "version": VERSION,
-        "program": PROGRAM,
+        "program": PROGRAM_VERSION,
         "frame": "RAS",
         "mesh_frame": "LPS",
         "unit": "mm",
@@ -163,7 +163,7 @@ def write_numbers(organs: Sequence[ComparedOrgan], folder: Path, *, points: int,
 
 
 def _entry(organ: ComparedOrgan) -> dict:
-    """Everything about one organ, as JSON keeps it."""
+    """Results of one organ for the JSON file."""
     found = organ.comparison
     return {
         "reference": str(organ.path),
@@ -183,7 +183,7 @@ def _entry(organ: ComparedOrgan) -> dict:
 
 
 def _row(organ: ComparedOrgan) -> dict[str, str]:
-    """One line of the table for programs; lengths in mm."""
+    """Results of one organ for the CSV file; lengths in mm."""
     found = organ.comparison
     numbers = {
         f"{way}_{key}_mm": getattr(getattr(found, way), key)

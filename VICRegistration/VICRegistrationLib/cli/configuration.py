@@ -1,4 +1,4 @@
-"""What to fit: from flags, or from a configuration file for several organs.
+"""Requests for fits: from flags, or from a configuration file for several organs.
 
 A configuration is a JSON object with the schema ``vic-registration/organs``, version 1:
 
@@ -14,10 +14,10 @@ A configuration is a JSON object with the schema ``vic-registration/organs``, ve
       ]
     }
 
-Keys are the words of the flags: ``organ`` is needed, and ``seed`` or ``region``, a label image on any grid, whose path
-is relative to the configuration; ``label`` says which of its labels. ``boundary`` and the options of a fit are not
-needed, see :mod:`..registration.options`. ``also``, beside ``organs`` or in one of them, lists more stacks of the
-patient, files or folders relative to the configuration.
+Keys have the names of the flags. ``organ`` is needed, and ``seed`` or ``region``: a label image on any grid, whose path
+is relative to the configuration; ``label`` chooses one of its labels. ``boundary`` and the options of a fit, see
+:mod:`..registration.options`, are optional. ``also``, beside ``organs`` or in one of them, lists further stacks of the
+patient: files or folders relative to the configuration.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .stack_entries import stack_place
 
 SCHEMA, VERSION = "vic-registration/organs", 1
 
-# By the words of the flags.
+# Checks of the values by their keys.
 _CHECKS = {
     "organ": organ_name,
     "seed": validators.points,
@@ -61,9 +61,9 @@ class OrganRequest:
         Points in the organ, RAS mm.
     options : FitOptions
     boundary : tuple of (r, a, s)
-        Points where the wall is known to be, RAS mm; may be empty.
+        Points on the wall, RAS mm; may be empty.
     region : str, optional
-        Label image that holds the organ; without it, it is separated from the seeds.
+        Label image of the organ; without it, the organ is separated by its seeds.
     label : str, optional
         Value or name of the label.
     also : tuple of str
@@ -95,7 +95,7 @@ def organ_request(
     also: Sequence[str] | None = None,
     **options,
 ) -> OrganRequest:
-    """Make a request, and refuse options that cannot be met before an image is read.
+    """Make a request; options that cannot be used are refused before an image is read.
 
     Parameters
     ----------
@@ -116,8 +116,7 @@ def organ_request(
     Raises
     ------
     ValueError
-        If an option is out of range or the net too small, or the region is given with seeds or with an option of a
-        separation.
+        If an option is out of range, the net is too small, or a region is given with seeds or options of a separation.
     """
     _check_region(name, region, {"seed": seeds or None, **options})
     try:
@@ -130,7 +129,7 @@ def organ_request(
 
 
 def _check_region(name: str, region: str | None, options: Mapping[str, object]) -> None:
-    """Refuse seeds and options that say how a region is separated where it is given."""
+    """Refuse seeds and options of a separation beside a region."""
     own = [word for word in ("seed", "threshold", "erosion", "dilation") if options.get(word) is not None]
     if region is not None and own:
         msg = f"{name}: the region {region} is taken as it is, but its {own[0]} was given too; leave one of them out."
@@ -160,7 +159,7 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
     OSError
         If the file cannot be read.
     ValueError
-        If it is not of the schema; the sentence names the organ and the key.
+        If it is not of the schema; the message names the organ and the key.
     """
     path = Path(path)
     content = checked_content(
@@ -181,9 +180,7 @@ def read_requests(path: str | os.PathLike, *, defaults: Mapping[str, object] | N
     names = [file_key(request.name) for request in requests]
     twice = sorted({request.name for request in requests if names.count(file_key(request.name)) > 1})
     if twice:
-        msg = (
-            f"The configuration {path} holds {', '.join(twice)} twice (upper and lower case are one file); rename one."
-        )
+        msg = f"The configuration {path} has {', '.join(twice)} twice (upper and lower case count as one); rename one."
         raise ValueError(msg)
     return requests
 
@@ -233,10 +230,10 @@ def _request(entry: object, where: str, defaults: Mapping[str, object], folder: 
         named["also"] = [str(folder / name) for name in named["also"]]
     asked = {**defaults, **named}
     if "seed" in named:
-        # Seeds of its own count before a region for all organs.
+        # An organ's own seeds replace a region that is given for all organs.
         asked["region"] = named.get("region")
     if asked.get("label") is not None and asked.get("region") is None:
-        msg = f"{where}: the key 'label' was given without 'region', whose file it is about; give both."
+        msg = f"{where}: the key 'label' was given without 'region', which it belongs to; give both."
         raise ValueError(msg)
     starts = bool(asked.get("seed")) or asked.get("region") is not None
     missing = [word for word, there in (("organ", "organ" in named), ("seed", starts)) if not there]

@@ -1,4 +1,4 @@
-"""What the commands have in common: words that are checked, tables, and lines for the user."""
+"""What the commands have in common: parsers, checked arguments, tables, and messages for the user."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TextIO
 
 from .process import flush_or_drop
 
-# Progress is information, which --quiet leaves out; what has to be looked at is a warning.
+# Progress is logged at level INFO, which --quiet leaves out.
 LOG = logging.getLogger("vic-registration")
 
 
@@ -20,12 +20,12 @@ def add_command(subparsers, name: str, summary: str, run: Callable | None, **cho
     Parameters
     ----------
     subparsers : object
-        Of argparse.
+        As returned by `add_subparsers` of argparse.
     name, summary : str
     run : callable or None
-        Gets what was parsed; None for a command with commands of its own.
+        Called with the parsed arguments; None for a command that has commands of its own.
     **choices
-        Of the parser, such as ``epilog``.
+        Arguments of the parser, such as ``epilog``.
 
     Returns
     -------
@@ -44,12 +44,12 @@ def add_command(subparsers, name: str, summary: str, run: Callable | None, **cho
 
 
 def argument(check: Callable) -> Callable:
-    """Make a check of values an argument's type: its sentence becomes argparse's complaint.
+    """Make a check of values an argument's type, whose error message argparse prints.
 
     Parameters
     ----------
     check : callable
-        Takes the word and returns the value, or raises ValueError.
+        Takes the argument's text and returns the value, or raises ValueError.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def argument(check: Callable) -> Callable:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Put a table into columns of even width, the first to the left and the others to the right.
+    """Align the columns of a table, the first to the left and the others to the right.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def lines_to(stream: TextIO) -> Iterator[None]:
 
 
 class _Lines(logging.StreamHandler):
-    """Prints lines; the work goes on where nobody reads about it any more."""
+    """Prints lines, and does not stop the program if the reader has closed the stream."""
 
     def emit(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(BrokenPipeError):

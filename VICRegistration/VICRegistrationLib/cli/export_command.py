@@ -21,7 +21,7 @@ _MOST_FACES = 1000
 
 _EPILOG = """\
 SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. FILE is
-  a file's name         organs.step: with several surfaces an assembly of them; triangles need one file per organ
+  a file's name         organs.step: several surfaces become an assembly; triangles need one file per organ
   a folder              parts/: one file per organ, parts/NAME.step
   a name with {name}    parts/{name}_fine.stl: one file per organ
 All files are LPS mm (DICOM's frame; Slicer opens the triangles in place). The STEP file (AP214) holds the exact
@@ -36,7 +36,7 @@ examples:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "export", "write surfaces as STEP, STL, PLY or VTP", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
     parser.add_argument("--step", metavar="FILE", help="exact solids for CAD and simulation (AP214)")

@@ -31,23 +31,23 @@ DIR gets, for every organ NAME:
   NAME.png              slices in three planes with the contour, 3D view, convergence
   NAME.step             with --step: the exact solid (LPS mm), unless the surface is no valid one
 and, for all organs together:
-  report.html           everything on one page for people: warnings, results, pictures, convergence, inputs, deviation
-                        from a reference; one file without script or addresses, PDF by the browser's print
-  report.json           the numbers, for programs
+  report.html           all results on one page to read: warnings, pictures, convergence, inputs, deviation from a
+                        reference; one file that opens offline in any browser
+  report.json           the figures, for programs
   overview.png          with several organs
   organs.step           with several organs and --step: their assembly
 DIR belongs to one image: organs are added to it or replaced in it, and report.json, report.html, overview.png and
-organs.step are about all of them. Older pictures and solids of the same organs are removed if none are made now. Files
-that are no results are never touched.
+organs.step have all of them. Older pictures and solids of the same organs are removed if they are not written again.
+Other files are never touched.
 
-Several organs are described in a JSON file. Its keys are the words of the flags:
+Several organs are described in a JSON file, whose keys have the names of the flags:
   {"schema": "vic-registration/organs", "version": 1,
    "organs": [
      {"organ": "bladder", "seed": [[1.5, 42, 10], [3, 40, 22]], "threshold": [600, 1500]},
      {"organ": "rectum", "seed": [[0, -31, 2]], "erosion": 2, "dilation": 2, "net": "11x9", "closure": "smooth",
       "solver": "gauss-newton", "tau": 1.5, "smoothness": 2e-4, "boundary": [[12.5, -30, 4]]}]}
-organ and seed, or organ and region, are needed. "also": ["ax.nii.gz", "cor_folder"] beside "organs" is as --also.
-Flags beside --config hold for the organs that do not say otherwise.
+organ and seed, or organ and region, are needed. "also": ["ax.nii.gz", "cor_folder"] beside "organs" is like --also.
+Flags beside --config apply to all organs that have no such key.
 
 examples:
   vic-registration fit scan.nii.gz --organ bladder --seed -3,42,10
@@ -60,7 +60,7 @@ examples:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     fit = add_command(subparsers, "fit", "fit organs in an image", run, epilog=_EPILOG)
     add_image(fit, frames=f"{_FRAMES} (the frame of a mesh is --reference-frame)")
     which = fit.add_argument_group("which organs")
@@ -76,43 +76,43 @@ def add_parser(subparsers) -> None:
         metavar="R,A,S",
         type=argument(validators.point),
         action="append",
-        help="point in the organ, mm; may be repeated",
+        help="point inside the organ, RAS mm; may be repeated",
     )
     which.add_argument(
         "--boundary",
         metavar="R,A,S",
         type=argument(validators.point),
         action="append",
-        help="point where the organ's wall is known to be, mm; pulls the surface; may be repeated",
+        help="point on the organ's wall, RAS mm, that the surface is to pass through; may be repeated",
     )
     which.add_argument(
         "--region",
         metavar="FILE",
-        help="label image that holds the organ, on any grid, in place of seeds; --label says which of its labels",
+        help="label image of the organ, on any grid, in place of seeds; --label chooses one of its labels",
     )
     which.add_argument("--config", metavar="FILE", help="JSON file with several organs, instead of --organ and --seed")
-    how = fit.add_argument_group("how (the defaults need no tuning)")
+    how = fit.add_argument_group("how to fit (the defaults suit most organs)")
     for name, option in OPTIONS.items():
         text = f"{option.help[0].lower()}{option.help[1:]} (default: {_default(name, option)})"
         how.add_argument(FLAGS[name], metavar=option.metavar, type=argument(option.read), help=text.replace("%", "%%"))
-    beside = fit.add_argument_group("a reference for the pictures and report.html, as of compare")
+    beside = fit.add_argument_group("a reference for the pictures and report.html, as for compare")
     beside.add_argument(
         "--reference", metavar="FILE", help="label image, mesh, surface, or a folder of them: shown beside the fit"
     )
     references.add_words(beside, frame="--reference-frame")
-    what = fit.add_argument_group("what comes out")
+    what = fit.add_argument_group("results")
     add_output(what, "organs")
     what.add_argument(
         "--keep-going",
         action="store_true",
-        help="fit the other organs if one cannot be fitted; exit status 3 then",
+        help="if an organ cannot be fitted, fit the others; exit status 3 then",
     )
     what.add_argument("--strict", action="store_true", help="exit status 3 if the verdict of an organ is poor")
-    what.add_argument("--step", action="store_true", help="exact B-spline solids for CAD and simulation too")
+    what.add_argument("--step", action="store_true", help="also write exact B-spline solids for CAD and simulation")
 
 
 def add_image(parser: argparse.ArgumentParser, *, frames: str = _FRAMES) -> None:
-    """Add the words that name the image and further stacks; `frames` says what the number of a volume may be."""
+    """Add the arguments for the image and further stacks; `frames` says what the number of a volume may be."""
     parser.add_argument(
         "image", metavar="IMAGE", help="file (NIfTI, NRRD, MetaImage, DICOM, ...), or a folder of DICOM slices"
     )
@@ -120,22 +120,24 @@ def add_image(parser: argparse.ArgumentParser, *, frames: str = _FRAMES) -> None
         "--also",
         metavar="IMAGE",
         action="append",
-        help="another stack of the patient, file or folder: the surface is fitted to all of them; may be repeated; "
+        help="another stack of the patient, file or folder; the surface is fitted to all stacks; may be repeated; "
         "FOLDER@SERIES or FILE@N chooses one of several, as --series and --frame do for IMAGE",
     )
     parser.add_argument(
-        "--series", metavar="UID", help="which DICOM series of the folder: its UID, its description or its number"
+        "--series",
+        metavar="UID",
+        help="one DICOM series of the folder, if there are several: its UID, description or number",
     )
     parser.add_argument(
         "--frame",
         metavar="N",
         type=argument(validators.whole(frames)),
-        help="which volume of an image with several (time points, echoes, phases), from 1",
+        help="one volume of an image that has several (time points, echoes, phases), from 1",
     )
 
 
 def add_output(group: argparse._ActionsContainer, folder: str) -> None:
-    """Add the words that say where results go, with the name of the usual folder."""
+    """Add the arguments for the results; `folder` is the default name of their folder."""
     group.add_argument(
         "--output",
         metavar="DIR",
@@ -143,12 +145,14 @@ def add_output(group: argparse._ActionsContainer, folder: str) -> None:
         default=folder,
         help=f"folder for the results (default: {folder})",
     )
-    group.add_argument("--no-pictures", action="store_true", help="leave the pictures out; they need matplotlib")
+    group.add_argument(
+        "--no-pictures", action="store_true", help="no pictures and no report.html, which need matplotlib and Jinja2"
+    )
     group.add_argument("--quiet", action="store_true", help="no progress on stderr, only warnings")
 
 
 class _Once(argparse.Action):
-    """A name that counts once: a second one would be taken in its place, and the first forgotten."""
+    """An argument that may be given once; argparse would replace the first value by the second."""
 
     def __call__(self, parser, namespace, values, option_string=None):
         before = getattr(namespace, self.dest)
@@ -176,7 +180,7 @@ def option_table() -> str:
 
 
 def _default(name: str, option: Option) -> str:
-    """Say what is taken where an option is not given."""
+    """Text for the default of an option."""
     default = getattr(FitOptions, name)
     return option.automatic if default is None else f"{default} {option.unit}".rstrip()
 
@@ -196,7 +200,7 @@ def run(options: argparse.Namespace) -> int:
     Raises
     ------
     ValueError, OSError, RuntimeError
-        With a sentence for the user.
+        With a message for the user.
     """
     requests = _requests(options)
     references = _references(options, [request.name for request in requests])
@@ -223,7 +227,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, OrganReference]:
-    """Read what the organs are compared with, before the work."""
+    """Read the references of the organs before the fit, so that errors are found early."""
     if options.reference is None:
         flags = {"label": "--label", "largest": "--largest", "mesh_frame": "--reference-frame"}
         if options.region is not None:
@@ -231,17 +235,17 @@ def _references(options: argparse.Namespace, names: Sequence[str]) -> dict[str, 
         own = [flag for word, flag in flags.items() if getattr(options, word)]
         if own:
             needed = "--reference or --region" if own[0] == "--label" else "--reference"
-            msg = f"{own[0]} was given without {needed}, whose file it is about; give both, or leave {own[0]} out."
+            msg = f"{own[0]} was given without {needed}, which it belongs to; give both, or leave {own[0]} out."
             raise ValueError(msg)
         return {}
     if options.no_pictures:
-        msg = "--reference was given with --no-pictures, but pictures and report.html show it; leave one of them out."
+        msg = "--reference was given with --no-pictures, but only pictures and report.html show it; leave one out."
         raise ValueError(msg)
     return read_references(names, reference_paths(options.reference, names), options)
 
 
 def _requests(options: argparse.Namespace) -> tuple[OrganRequest, ...]:
-    """Put together what the flags ask for."""
+    """Make the requests that the flags describe."""
     chosen = {word: getattr(options, word) for word in OPTIONS}
     if options.config is not None:
         own = [word for word in ("organ", "seed", "threshold", "boundary") if getattr(options, word) is not None]

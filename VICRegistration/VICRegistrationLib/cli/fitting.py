@@ -32,9 +32,9 @@ from .results_folder import restored_organs, target_files, write_results
 from .stack_entries import motion_text
 from .stored_results import StoredResults, image_record, read_results
 
-# An organ as it is asked for, its region, and how long it took to find that, s.
+# The request for an organ, its region, and the time of the separation, s.
 Separated = tuple[OrganRequest, Region, float]
-# Fits all organs at once, by a generic model, to an image and further stacks.
+# Fits all organs together, by a generic model, to an image and further stacks.
 FitModel = Callable[[Image, Sequence[Separated], Mapping[str, Stack]], tuple[Sequence[FittedOrgan], ModelResults]]
 # Files that a user may take for a label image.
 _SURFACES = (".json", ".stl", ".ply", ".obj", ".vtp")
@@ -54,7 +54,7 @@ def fit_to_folder(
     keep_going: bool = False,
     fit_model: FitModel | None = None,
 ) -> Run:
-    """Fit organs, and write their files and the report of all organs of the folder: all of it, or nothing.
+    """Fit organs, and write their files and the report of all organs of the folder: all files or none.
 
     Parameters
     ----------
@@ -63,33 +63,33 @@ def fit_to_folder(
     requests : sequence of OrganRequest
         All of them are checked before the first is fitted.
     folder : path
-        Folder of results of this image, see :mod:`.stored_results`; is made if there is none.
+        Folder of results of this image, see :mod:`.stored_results`; made if it does not exist.
     series : str, optional
         DICOM series of the folder.
     frame : int, optional
-        Which volume of the image, from 1, if it holds several.
+        Number of the volume, from 1, if the image has several.
     pictures : bool
         Whether to draw pictures, which needs matplotlib.
     step : bool
         Whether to write the exact solids as STEP files. A surface that is no valid solid gets none, and a warning.
     references : mapping of str to OrganReference, optional
-        What the surfaces are compared with in pictures and report.html, by the organs' names.
+        References of the organs for the pictures and report.html, by the organs' names.
     inputs : sequence of path
         Files besides the image that must not be replaced, such as the configuration.
     keep_going : bool
-        Whether the other organs are fitted where one cannot be; it is an error without, and where none can be.
+        If an organ cannot be fitted, fit the others. Without it, and if no organ can be fitted, that is an error.
     fit_model : callable, optional
-        Fits the organs together, by a generic model, in place of one after the other.
+        Fits the organs together, by a generic model, instead of one after the other.
 
     Returns
     -------
     Run
-        With the organs, and those that could not be fitted.
+        The fitted organs, and those that could not be fitted.
 
     Raises
     ------
     ValueError
-        If the image or a request cannot be used, the folder belongs to another image, or something that is no result
+        If the image or a request cannot be used, the folder belongs to another image, or a file that is no result
         would be replaced.
     OSError
         If a file cannot be read or written.
@@ -126,7 +126,7 @@ def fit_to_folder(
 
 
 def _checked_folder(folder: Path, inputs: Sequence, names: Sequence[str], targets: Sequence[str]) -> StoredResults:
-    """Read what a folder of results holds, and refuse one that cannot be written to, or where files would be lost."""
+    """Read a folder of results; refuse one that cannot be written to, or in which files would be lost."""
     check_writable(folder)
     recover(folder)
     stored = read_results(folder)
@@ -139,7 +139,7 @@ def _checked_folder(folder: Path, inputs: Sequence, names: Sequence[str], target
 def _loaded_image(
     path: str | os.PathLike, series: str | None, frame: int | None, stored: StoredResults
 ) -> tuple[Image, dict[str, object], float]:
-    """Read the image, and refuse another one than that of the folder's results; returns it, its record, and seconds."""
+    """Read the image, which must be that of the folder's results; returns it, its record, and the time, s."""
     start = time.perf_counter()
     image, notes = read_with_warnings(path, series=series, frame=frame)
     seconds = time.perf_counter() - start
@@ -150,7 +150,7 @@ def _loaded_image(
 
 
 def _print_outcome(organ: FittedOrgan, *, step: bool) -> None:
-    """Say what came of an organ's fit, and what is to be looked at."""
+    """Print volume, verdict and warnings of an organ."""
     word = organ.verdict.word
     if points := organ.request.boundary:
         away = max(map(abs, boundary_deviations(organ.fit.surface, points)))
@@ -162,7 +162,7 @@ def _print_outcome(organ: FittedOrgan, *, step: bool) -> None:
     if word != GOOD:
         LOG.warning(f"{organ.name}: warning: the verdict on the surface is {word}")
     if step and organ.fit.problems:
-        LOG.warning(f"{organ.name}: warning: there is no {organ.name}.step, as the surface is no valid solid")
+        LOG.warning(f"{organ.name}: warning: {organ.name}.step was not written, because the surface is no valid solid")
 
 
 def _fitted_organs(
@@ -173,7 +173,7 @@ def _fitted_organs(
     *,
     keep_going: bool,
 ) -> list[FittedOrgan]:
-    """Fit organs one after the other; what fails goes into `failed`, or is an error."""
+    """Fit organs one after the other; errors are raised, or added to `failed` with `keep_going`."""
     organs = []
     for request, region, seconds in separated:
         try:
@@ -188,7 +188,7 @@ def _fitted_organs(
 
 
 def _all_of(failed: Mapping[str, str]) -> str:
-    """Put the sentences about several organs into one, each with the organ's name."""
+    """Join the error messages of several organs, each with the organ's name."""
     return " ".join(f"{name}: {sentence}" for name, sentence in failed.items())
 
 
@@ -197,7 +197,7 @@ def _separated_organs(
     requests: Sequence[OrganRequest],
     failed: dict[str, str],
 ) -> list[Separated]:
-    """Separate all organs; what fails goes into `failed`."""
+    """Separate all organs; errors are added to `failed`."""
     separated = []
     for request in requests:
         try:
@@ -208,7 +208,7 @@ def _separated_organs(
 
 
 def _separated(image: Image, request: OrganRequest) -> tuple[Region, float]:
-    """Separate one organ, or take it from a label image; returns the region and how long it took, s."""
+    """Separate one organ, or take it from a label image; returns the region and the time, s."""
     options = request.options
     start = time.perf_counter()
     check_request(image, request)
@@ -225,16 +225,16 @@ def _separated(image: Image, request: OrganRequest) -> tuple[Region, float]:
 
 
 def _from_label(image: Image, request: OrganRequest) -> tuple[Region, float]:
-    """Take one organ from a label image; returns the region and how long it took, s."""
+    """Take one organ from a label image; returns the region and the time, s."""
     start = time.perf_counter()
     if Path(request.region).suffix.lower() in _SURFACES:
         msg = (
-            f"{request.region} is a mesh or a surface; a region is a label image. Give one, such as a segmentation of "
-            "3D Slicer (.seg.nrrd), or seeds."
+            f"{request.region} is a mesh or a surface, but a region is a label image. Give a label image, such as a "
+            "segmentation of 3D Slicer (.seg.nrrd), or seeds."
         )
         raise ValueError(msg)
     notes: list[str] = []
-    # What readers written in C print is an error, which they raise too.
+    # Readers written in C print errors, which they also raise.
     with silenced_stderr():
         label, segment = read_label(request.region, request.label, organ=request.name, warn=notes.append)
     for note in notes:
@@ -266,14 +266,14 @@ def _fitted(
 
 
 def print_motions(name: str, stacks: Sequence[StackUse]) -> None:
-    """Say how an organ moved to each stack that was used."""
+    """Print the motion of an organ in each stack that was used."""
     for stack in stacks:
         if stack.used:
             LOG.info(f"{name}: {stack.name}, moved by {motion_text(stack)}, cost {stack.cost:.4g}")
 
 
 def stage_lines(name: str) -> Callable[[Step], None]:
-    """Make a function that writes a line at the end of every stage: it gets each step."""
+    """Make a function that is called with every step, and prints a line at the end of each stage."""
     steps: list[Step] = []
     start = time.perf_counter()
 

@@ -1,4 +1,4 @@
-"""``vic-registration gaps``: how organs lie to each other."""
+"""``vic-registration gaps``: gaps and overlaps between organs."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .solids import read_solids
 SCHEMA, VERSION = "vic-registration/gaps", 2
 
 _EPILOG = """\
-SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. Every pair of organs gets a line: how far they are
-apart, or how much they overlap, with the place (RAS mm). Distances are those of the exact surfaces.
+SURFACE is a file NAME.json or NAME.vtp of `vic-registration fit`. For every pair of organs a line has the gap or the
+overlap, with its place (RAS mm). Distances are those of the exact surfaces.
 
 examples:
   vic-registration gaps bladder.json vagina.json rectum.json
@@ -25,17 +25,19 @@ examples:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "gaps", "measure gaps and overlaps between organs", run, epilog=_EPILOG)
     parser.add_argument("surfaces", metavar="SURFACE", nargs="+", help="surface file of fit: NAME.json or NAME.vtp")
-    parser.add_argument("--output", metavar="FILE", type=Path, help="JSON file for the numbers")
+    parser.add_argument("--output", metavar="FILE", type=Path, help="JSON file for the figures")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print gap or overlap of every pair, and write them if a file was named."""
+    """Print gap or overlap of every pair, and write them if a file was given."""
     if options.output is not None:
         if options.output.suffix.lower() != ".json":
-            msg = f"--output {options.output} was given; the numbers are JSON, in a file whose name ends in .json."
+            msg = (
+                f"--output {options.output} was given; the figures are written as JSON, so the name must end in .json."
+            )
             raise ValueError(msg)
         keep_inputs([options.output], options.surfaces)
     solids = read_solids(options.surfaces)

@@ -1,4 +1,4 @@
-"""The images of a fit, and what their files leave open."""
+"""Reading the images of a fit, with warnings about their files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .stack_entries import stack_place
 def read_with_warnings(
     path: str | os.PathLike, *, series: str | None = None, frame: int | None = None
 ) -> tuple[Image, list[str]]:
-    """Read an image, and warn of what is doubtful about it.
+    """Read an image, and log warnings about its file.
 
     Parameters
     ----------
@@ -38,21 +38,21 @@ def read_with_warnings(
     Raises
     ------
     ValueError
-        With a sentence for the user.
+        With a message for the user.
     """
     notes: list[str] = []
-    # What readers written in C print is either an error, which they raise too, or collected as a warning.
+    # Readers written in C print errors, which they also raise, and warnings, which are collected.
     with silenced_stderr():
         image = read_image(path, series=series, frame=frame, warn=notes.append)
     try:
         check_scale(image)
     except ValueError as error:
-        # A unit in the file's header may be the wrong one.
+        # The notes may say why, for instance that the header has another unit.
         msg = " ".join([*(f"{note}." for note in notes), str(error)] if notes else [f"{path}: {error}"])
         raise ValueError(msg) from None
     count = few_values(image)
     if count:
-        notes.append(f"{path}: it holds only {count} different values, as a label map does; an MRI is needed for a fit")
+        notes.append(f"{path}: it has only {count} different values, like a label map; a fit needs an MRI")
     for note in notes:
         LOG.warning(f"warning: {note}")
     return image, notes
@@ -74,7 +74,7 @@ def further_stacks(names: Iterable[str]) -> dict[str, Stack]:
     Raises
     ------
     ValueError
-        With a sentence for the user.
+        With a message for the user.
     """
     stacks = {}
     for given in dict.fromkeys(names):
@@ -82,7 +82,7 @@ def further_stacks(names: Iterable[str]) -> dict[str, Stack]:
         try:
             image, _ = read_with_warnings(path, **choice)
         except SeveralVolumes as error:
-            # --series and --frame are about the first image.
+            # The message of the error names --series and --frame, which are for the first image.
             which = "the number of the series" if Path(path).is_dir() else "the number of the volume"
             other = ", or give a file that holds it alone" if choice else ""
             way_out = f"Choose it with --also {path}@N, N {which}{other}."

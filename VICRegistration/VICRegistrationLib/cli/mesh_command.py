@@ -29,16 +29,16 @@ the format:
   .vtk   VTK's legacy format  .bdf   Nastran (triangles are elements too)
   .inp   Abaqus, CalculiX (solid elements; shells for sheets of models)
 with groups for loads and contacts: NAME (or NAME_wall) of tetrahedra; NAME_surface (or NAME_inside and NAME_outside)
-and NAME_OTHER_interface of triangles; --patches 4x3 cuts surfaces into NAME_surface_I_J, four around the organ and
-three from pole to pole. FILE's name with .quality.json gets the report that is printed.
+and NAME_OTHER_interface of triangles; --patches 4x3 divides surfaces into NAME_surface_I_J, four around the organ and
+three from pole to pole. The report that is printed is also written, to FILE.quality.json.
 
 --wall makes organs hollow: the surface is that of the lumen, and the wall lies outside of it. Several organs are one
-mesh with common nodes where they touch; where they overlap, the place belongs to the one that is named first, and
-lumens stay free of all walls.
+mesh with common nodes where they touch; an overlap belongs to the organ that is named first, and walls do not enter
+lumens.
 Elements are smaller than --size where the surface is strongly curved, so that the mesh keeps the organ's volume.
 A model of several organs (vic-registration model) has a group for each of its parts and patches; its sheets are
 triangles, in .inp files shell elements with their thickness.
---surface gives triangles only, of one organ, in a file {", ".join(MESH_SUFFIXES)}.
+--surface makes only triangles, of one organ, in a file {", ".join(MESH_SUFFIXES)}.
 
 examples:
   vic-registration mesh bladder.json --size 3 --output bladder.msh
@@ -49,7 +49,7 @@ examples:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "mesh", "fill surfaces with tetrahedra for simulation", run, epilog=_EPILOG)
     parser.add_argument(
         "surfaces", metavar="SURFACE", nargs="+", help="surface file of fit, NAME.json or NAME.vtp; or one model.json"
@@ -60,25 +60,25 @@ def add_parser(subparsers) -> None:
         metavar="MM",
         type=argument(validators.number),
         default=_DEFAULT.size,
-        help="length of the edges (default: 3)",
+        help="edge length of the elements (default: 3)",
     )
     parser.add_argument("--surface", action="store_true", help="triangles of one size instead of tetrahedra")
     inside = parser.add_argument_group("tetrahedra")
     inside.add_argument("--order", type=int, choices=(1, 2), help="linear (default) or second-order elements")
     inside.add_argument(
-        "--wall", metavar="MM", type=argument(validators.number), help="thickness of the wall of hollow organs"
+        "--wall", metavar="MM", type=argument(validators.number), help="make hollow organs with a wall this thick"
     )
     inside.add_argument(
         "--patches",
         metavar="4x3",
         type=argument(_patches),
-        help="cut each surface's group into so many patches, around the organ and from pole to pole",
+        help="divide the group of each surface into so many patches around the organ and from pole to pole",
     )
     inside.add_argument(
         "--volume-error",
         metavar="FRACTION",
         type=argument(validators.number),
-        help="largest difference from the exact volume (default: 0.005 at 3 mm, and as the square of --size)",
+        help="largest difference from the exact volume (default: 0.005 at 3 mm, proportional to the square of --size)",
     )
     parser.add_argument(
         "--time-limit",
@@ -87,7 +87,7 @@ def add_parser(subparsers) -> None:
         default=_DEFAULT.time_limit,
         help="seconds after which gmsh is ended (default: 600)",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr, only the report")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -122,7 +122,7 @@ def _model(options: argparse.Namespace) -> MultiPatchModel | None:
 
 
 def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> None:
-    """Refuse, before anything is computed, what cannot be written."""
+    """Refuse a target that cannot be written, before anything is computed."""
     if not options.surface:
         mesh_format(target)
     else:
@@ -139,7 +139,7 @@ def _check_target(target: Path, options: argparse.Namespace, chosen: dict) -> No
 
 
 def _tetrahedra(what: Sequence[Solid] | MultiPatchModel, settings: MeshOptions, draft: Path) -> tuple[list[str], dict]:
-    """Write the mesh; returns the report for people and for programs."""
+    """Write the mesh; returns the report as lines to print and for the JSON file."""
     from ..meshing.formats import write_tetrahedra
     from ..meshing.organ_meshes import mesh_organs
     from ..meshing.quality import quality
@@ -151,7 +151,7 @@ def _tetrahedra(what: Sequence[Solid] | MultiPatchModel, settings: MeshOptions, 
     LOG.info("writing")
     names = write_tetrahedra(mesh, draft)
     used = {"size": settings.size, "order": settings.order, "wall": settings.wall, "names_in_file": names}
-    # A model has about a hundred groups of triangles: people look them up in the file.
+    # A model has about a hundred groups of triangles, too many to print.
     lines = report.lines(surfaces=isinstance(what, Sequence)) + [f"note: {note.sentence()}" for note in mesh.notes]
     if mesh.shells or mesh.node_groups:
         used["shells"] = dict(mesh.shells)

@@ -1,4 +1,4 @@
-"""``vic-registration model``: models of several organs and of what holds them."""
+"""``vic-registration model``: models of several organs with ligaments, fasciae and a pelvic floor."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .console import LOG, add_command, aligned
 
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
-A model has organs, cut into named patches, and ligaments, fasciae and a pelvic floor that are attached to them. It is a
-file (schema vic-registration/model), or one that ships with the program: {_NAMES}.
+A model has organs, divided into named patches, and ligaments, fasciae and a pelvic floor that are attached to them. It
+is a file (schema vic-registration/model), or one of the program: {_NAMES}.
 
 examples:
   vic-registration model show --output pelvis.png
@@ -24,8 +24,8 @@ examples:
   vic-registration model fit scan.nii.gz --config organs.json --output pelvis
 """
 _SHOW_EPILOG = f"""\
-MODEL is a file, {_NAMES} (default: {DEFAULT}). Parts and landmarks are listed.
-FILE's ending chooses what is written:
+MODEL is a file, {_NAMES} (default: {DEFAULT}). Its parts and landmarks are listed.
+The ending of FILE chooses what is written:
   .png           a picture from four sides: patches by colour, translucent where the image does not show them
   .step, .stp    exact faces with the names of the patches: organs and cords as solids, sheets as shells (LPS mm)
   .vtp           triangles with the names of their patch and part (LPS mm)
@@ -37,10 +37,10 @@ examples:
   vic-registration model show my_model.json --output my_model.png
 """
 _CHECK_EPILOG = """\
-Looked for are parts that share no points with others, cords that are not closed, folded patches, organs that are no
-valid solids or overlap, sheets and cords that pass through organs or one another, landmarks far from everything, and
-signs of another unit or frame.
-Exit status is 3 if something is wrong, and 2 if the file holds no model.
+Errors are: parts that share no points with others, cords that are not closed, folded patches, organs that are no valid
+solids or overlap, sheets and cords that pass through organs or one another, landmarks far from everything, and signs
+of another unit or frame.
+The exit status is 3 if there are errors, and 2 if the file has no model.
 
 example:
   vic-registration model check my_model.json
@@ -48,19 +48,19 @@ example:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
-    parser = add_command(subparsers, "model", "models of several organs and of what holds them", None, epilog=_EPILOG)
+    """Define the arguments of the command."""
+    parser = add_command(subparsers, "model", "fit, show and check models of several organs", None, epilog=_EPILOG)
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     model_fitting.add_parser(actions)
     showing = add_command(actions, "show", "list, draw and export a model", show, epilog=_SHOW_EPILOG)
     showing.add_argument("model", metavar="MODEL", nargs="?", default=DEFAULT, help=f"file, {_NAMES}")
     showing.add_argument("--output", metavar="FILE", type=Path, help=f"file to write: {', '.join(SUFFIXES)}")
-    checking = add_command(actions, "check", "look for what is wrong with a model", check, epilog=_CHECK_EPILOG)
+    checking = add_command(actions, "check", "look for errors in a model", check, epilog=_CHECK_EPILOG)
     checking.add_argument("model", metavar="MODEL", help=f"file, {_NAMES}")
 
 
 def show(options: argparse.Namespace) -> None:
-    """List the parts of a model, and write it if a file was named."""
+    """List the parts of a model, and write it if a file was given."""
     output = options.output
     if output is not None:
         check_suffix(output)
@@ -75,7 +75,7 @@ def show(options: argparse.Namespace) -> None:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Print what is wrong with a model.
+    """Print the errors of a model.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ def check(options: argparse.Namespace) -> int:
     Returns
     -------
     int
-        0, or 3 if something is wrong.
+        0, or 3 if there are errors.
 
     Raises
     ------
     ValueError, OSError
-        With a sentence for the user.
+        With a message for the user.
     """
     from ..multipatch.check import check_model
 
@@ -99,7 +99,7 @@ def check(options: argparse.Namespace) -> int:
         print(diagnostic.sentence())
     if not found:
         words = f"{len(model.parts)} parts, {len(model.patches)} patches, {len(model.points)} points"
-        print(f"{options.model}: {words}; nothing is wrong.")
+        print(f"{options.model}: {words}; no errors found.")
     return SOME_FAILED if found else 0
 
 

@@ -24,21 +24,21 @@ from .organ_entries import FittedOrgan
 
 _NAMES = " or ".join(MODELS)
 _EPILOG = f"""\
-The organs of a model are fitted together, to their regions and to the grey levels; everything that the image does not
-show is carried along, and is called estimated wherever it is shown. At least two organs of the model must be in the
-configuration, by the names that they have in the model; organs that are not there are predicted and called so. MODEL is
-a file, {_NAMES} (default: {DEFAULT}).
+The organs of a model are fitted together, to their regions and to the grey levels. Parts that the image does not show
+are carried along, and marked as estimated in all results. At least two organs of the model must be in the
+configuration, with their names in the model; the others are predicted, and marked as such. MODEL is a file,
+{_NAMES} (default: {DEFAULT}).
 
-Landmarks are places on bone, by the names that they have in the model (model show lists them): a point
+Landmarks are points on bone with the names that the model has for them (model show lists them): a point
 list of Slicer (.mrk.json) with these labels, or a JSON object such as {{"coccyx, tip": [0.5, -63.0, -46.0]}}, RAS mm.
 
-DIR gets what fit writes about each organ, and:
+DIR gets the files of fit for each organ, and:
   model.json            the model, carried to the patient (RAS mm)
   model.step            exact faces with the names of its patches (LPS mm)
   model.vtp             triangles with the names of patches and parts (LPS mm)
-  model.png             from four sides
-report.html and report.json hold the smallest determinant of the map, how far attachments slid, distances from the
-regions, and what was predicted or estimated.
+  model.png             picture from four sides
+report.html and report.json have the smallest determinant of the map, the sliding of attachments, distances from the
+regions, and the parts that were predicted or estimated.
 
 examples:
   vic-registration model fit scan.nii.gz --config organs.json --landmarks bones.mrk.json --output pelvis
@@ -47,24 +47,24 @@ examples:
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "fit", "fit a model to an image", run, epilog=_EPILOG)
     add_image(parser)
     parser.add_argument(
         "--config",
         metavar="FILE",
         required=True,
-        help="JSON file with the organs and their seeds or regions, as of fit",
+        help="JSON file with the organs and their seeds or regions, as for fit",
     )
     parser.add_argument("--model", metavar="MODEL", default=DEFAULT, help=f"file, {_NAMES} (default: {DEFAULT})")
     parser.add_argument(
-        "--landmarks", metavar="FILE", help="places on bone: .mrk.json of Slicer, or an object of names"
+        "--landmarks", metavar="FILE", help="points on bone: .mrk.json of Slicer, or a JSON object of names"
     )
     add_output(parser, "model")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Fit a generic model to an image and write everything about it into a folder."""
+    """Fit a generic model to an image and write the results into a folder."""
     model = find_model(options.model)
     requests = read_requests(options.config, defaults={"also": options.also})
     check_organs(model, {request.name: request.options for request in requests})
@@ -85,11 +85,11 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check_requests(requests: Sequence[OrganRequest]) -> None:
-    """Refuse what only a fit of single organs takes."""
+    """Refuse boundary points, which only a fit of single organs uses."""
     for request in requests:
         if request.boundary:
             msg = (
-                f"{request.name}: boundary points were given, which model fit does not take; leave the key boundary "
+                f"{request.name}: boundary points were given, which model fit does not use. Leave the key boundary "
                 "out, or fit the organ by itself."
             )
             raise ValueError(msg)

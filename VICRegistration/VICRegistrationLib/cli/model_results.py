@@ -1,4 +1,4 @@
-"""What is written about a generic model that was fitted."""
+"""Files, report entry and section of the page for a fitted generic model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TITLES = ("part", "kind", "from", "volume or thickness", "distance from the reg
 
 
 def model_files(*, pictures: bool) -> list[str]:
-    """Names of the files about a model.
+    """Names of the files of a model.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class ModelResults:
         return names
 
     def entry(self) -> dict[str, object]:
-        """Put everything about it as report.json keeps it: lengths in mm, places in RAS."""
+        """Make its entry of report.json: lengths in mm, places in RAS."""
         fit = self.fit
         determinant, part = fit.smallest_determinant
         return {
@@ -89,7 +89,7 @@ class ModelResults:
         }
 
     def reported(self) -> ReportedModel:
-        """Put it as report.html shows it."""
+        """Make its section of report.html."""
         fit = self.fit
         determinant, part = fit.smallest_determinant
         rows = [
@@ -99,7 +99,7 @@ class ModelResults:
             ("Organs predicted", ", ".join(fit.predicted) or "none"),
             (
                 "Smallest determinant",
-                f"{determinant:.2f}, near {part}: volume after the map over volume before, where it is least",
+                f"{determinant:.2f}, near {part}: smallest ratio of volume after the map to volume before",
             ),
             *((f"Landmark {name}", f"met within {away:.1f} mm") for name, away in fit.landmarks.items()),
             ("Time", f"{fit.seconds:.2f} s from the regions to the carried model"),
@@ -116,7 +116,7 @@ class ModelResults:
 
     @cached_property
     def _figure(self):
-        """The picture that is a file and on the page."""
+        """The picture for the file and the page."""
         return model_figure(self.fit.model)
 
     def _row(self, part: Part) -> tuple[str, ...]:

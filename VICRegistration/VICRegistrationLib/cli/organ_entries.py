@@ -1,4 +1,4 @@
-"""Organs as ``report.json`` keeps them: with all that the page about them is made of, so that none is fitted twice."""
+"""Entries of organs in ``report.json``, from which the page can be made again without a fit."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CONVERGENCE = ("iteration", "stage", "stage_iteration", "cost", "displacement_mm
 
 @dataclass(frozen=True, eq=False)
 class FittedOrgan:
-    """A fitted organ and what it took.
+    """A fitted organ, its request, and its times.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ class FittedOrgan:
 
     @property
     def given(self) -> dict[str, object]:
-        """Options that differ from what is taken if nothing is given."""
+        """Options that differ from their defaults."""
         usual = FitOptions()
         options = dataclasses.asdict(self.request.options)
         return {key: value for key, value in options.items() if value != getattr(usual, key)}
 
     @cached_property
     def diagnostics(self) -> list[Diagnostic]:
-        """What to look at before the surface is used."""
+        """Warnings about the surface."""
         return fit_diagnostics(self.fit.image, self.fit)
 
     @cached_property
@@ -80,14 +80,14 @@ class FittedOrgan:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run has fitted, and what is to be written about it.
+    """Result of a run of ``fit``.
 
     Parameters
     ----------
     organs : sequence of FittedOrgan
     image : Image
     record : mapping
-        Which image it is, from :func:`.stored_results.image_record`.
+        Description of the image, from :func:`.stored_results.image_record`.
     seconds_load : float
         Time to read the image.
     pictures : bool
@@ -97,7 +97,7 @@ class Run:
     references : mapping of str to OrganReference
         By the organs' names.
     failed : mapping of str to str
-        Organs that could not be fitted, with the sentences about them.
+        Organs that could not be fitted, with the error messages.
     model : ModelResults, optional
         The generic model that the organs were fitted with.
     """
@@ -119,7 +119,7 @@ class Run:
 
 
 def organ_entry(organ: FittedOrgan) -> dict[str, object]:
-    """Put everything about one organ as JSON keeps it.
+    """Make the entry of one organ for JSON.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def organ_entry(organ: FittedOrgan) -> dict[str, object]:
 
 
 def restored_organ(name: str, entry: Mapping[str, object], folder: Path, image: Image) -> FittedOrgan:
-    """Read an organ of an earlier run as it was after its fit.
+    """Restore an organ of an earlier run from its entry and files.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def restored_organ(name: str, entry: Mapping[str, object], folder: Path, image: 
     Raises
     ------
     ValueError
-        If something is missing or damaged.
+        If the entry or a file is missing or damaged.
     """
     try:
         surface = read_surface(folder / f"{name}.json")
@@ -241,7 +241,7 @@ def _stacks_entry(fit: OrganFit) -> dict[str, object]:
 
 
 def _restored_whole(entry: Mapping[str, object], options: FitOptions, image: Image) -> Region | None:
-    """Read a completed region, which goes on beyond the image."""
+    """Restore a completed region, which may extend beyond the image."""
     found = entry.get("whole_region")
     if found is None:
         return None
@@ -259,7 +259,7 @@ def _restored_whole(entry: Mapping[str, object], options: FitOptions, image: Ima
 
 
 def _region_entry(region: Region) -> dict[str, object]:
-    """Voxels of the separated region, a bit for each, i fastest; and what looks wrong with it."""
+    """Voxels of the separated region, a bit for each, i fastest; and its diagnostics."""
     return {
         "offset_kji": list(region.offset),
         "shape_kji": list(region.mask.shape),
@@ -287,7 +287,7 @@ def _options(entry: Mapping[str, object]) -> FitOptions:
 
 
 def _boundary_entry(organ: FittedOrgan) -> dict[str, object]:
-    """Boundary points and how far from the surface they are, if there are any."""
+    """Boundary points and their distances from the surface, if there are any."""
     points = organ.request.boundary
     if not points:
         return {}
@@ -296,7 +296,7 @@ def _boundary_entry(organ: FittedOrgan) -> dict[str, object]:
 
 
 def _read_history(path: Path, surface: BSplineSurface) -> tuple[Step, ...]:
-    """Read the iterations of a table of convergence; what the surface was in between is not kept."""
+    """Read the steps from a table of convergence; their surfaces were not stored, so the last one stands for all."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     if not rows:

@@ -1,4 +1,4 @@
-"""Files about fitted organs."""
+"""Writing the files of fitted organs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .organ_entries import CONVERGENCE, FittedOrgan, Run, organ_entry
 from .solids import colored_solids
 from .stored_results import ASSEMBLY, REPORT, SCHEMA, VERSION, file_digest, with_digest
 
-PROGRAM = f"vic-registration {__version__}"
-# Files of an organ: their endings, and what they are for.
+PROGRAM_VERSION = f"vic-registration {__version__}"
+# Endings of the files of an organ, with descriptions for report.html.
 ORGAN_FILES = {
     ".vtp": "triangles for Slicer and other programs (LPS mm), with the control net",
     ".stl": "triangles (LPS mm)",
@@ -55,7 +55,7 @@ def write_organ(organ: FittedOrgan, folder: Path) -> None:
 
 
 def write_solids(organs: Sequence[FittedOrgan], folder: Path, *, names: Collection[str]) -> list[str]:
-    """Write exact surfaces as STEP solids, and several organs as an assembly too.
+    """Write exact surfaces as STEP solids, and several organs also as an assembly.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def write_report(run: Run, organs: Mapping[str, Mapping[str, object]], folder: P
         Entries of all organs of the folder, those of earlier runs too.
     folder : Path
     files : sequence of str
-        Names of the files that are about all organs.
+        Names of the files that have all organs.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def write_report(run: Run, organs: Mapping[str, Mapping[str, object]], folder: P
     content = {
         "schema": SCHEMA,
         "version": VERSION,
-        "program": PROGRAM,
+        "program": PROGRAM_VERSION,
         **run.record,
         "frame": "RAS",
         "mesh_frame": "LPS",
@@ -149,7 +149,7 @@ def write_report(run: Run, organs: Mapping[str, Mapping[str, object]], folder: P
 
 
 def run_entry(run: Run, organ: FittedOrgan, folder: Path, *, files: Sequence[str]) -> dict[str, object]:
-    """Put an organ of a run as report.json keeps it.
+    """Make the entry of an organ of a run for report.json.
 
     Parameters
     ----------
@@ -164,11 +164,11 @@ def run_entry(run: Run, organ: FittedOrgan, folder: Path, *, files: Sequence[str
     Returns
     -------
     dict
-        That of `organ_entry`, with the program, the time, the files and the reference.
+        The entry of `organ_entry`, with the program, the time, the files and the reference.
     """
     reference = run.references.get(organ.name)
     return {
-        "program": PROGRAM,
+        "program": PROGRAM_VERSION,
         "written": datetime.now().astimezone().isoformat(timespec="seconds"),
         **organ_entry(organ),
         "reference": None if reference is None else reference.record(),

@@ -1,4 +1,4 @@
-"""``vic-registration phantom``: the demo's MRI with its true surfaces."""
+"""``vic-registration phantom``: the demo's synthetic MRI with its true surfaces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .process import silenced_stderr
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "phantom", "write a synthetic pelvic MRI with its true surfaces", run)
     parser.add_argument(
         "folder",
@@ -27,14 +27,14 @@ def add_parser(subparsers) -> None:
         type=int,
         choices=(1, 2, 3),
         default=1,
-        help="how many directions: sagittal, axial, coronal (default: 1); organs.json names the others under also",
+        help="number of stacks: sagittal, axial, coronal (default: 1); organs.json lists the further ones as also",
     )
     parser.add_argument(
         "--motion",
         metavar="MM,DEG",
         type=argument(validators.motion),
         default=(0.0, 0.0),
-        help="how far the patient moves before each further stack; truth/motion.json has the matrices (default: 0,0)",
+        help="motion of the patient before each further stack; truth/motion.json has the matrices (default: 0,0)",
     )
 
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
         msg = "--motion was given without --stacks; it moves the patient before a further stack. Give --stacks 2 or 3."
         raise ValueError(msg)
     _keep_files_of_the_user(Path(options.folder))
-    # ITK prints to stderr when the disk is full, and the error says so too.
+    # ITK prints to stderr when the disk is full; the error that it raises says so as well.
     with silenced_stderr(), replacing_folder(options.folder) as drafts:
         stacks = further_stacks(options.stacks - 1, shift_mm=shift, turn_degrees=turn)
         files = write_stacks(stacks, drafts)
@@ -61,5 +61,5 @@ def _keep_files_of_the_user(folder: Path) -> None:
     """Refuse a folder that holds an MRI or a configuration without the phantom's true surfaces beside it."""
     there = [path for path in (*sorted(folder.glob("mri*.nii.gz")), folder / "organs.json") if path.exists()]
     if there and not (folder / "truth" / "bladder.json").exists():
-        msg = f"{there[0]} is there and is not of a phantom; choose another folder, or move it elsewhere."
+        msg = f"{there[0]} exists and is not part of a phantom; choose another folder, or move it elsewhere."
         raise ValueError(msg)

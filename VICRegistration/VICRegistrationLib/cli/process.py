@@ -1,4 +1,4 @@
-"""The process around a command: its signals, and what libraries written in C print on its stderr."""
+"""The process of a command: its signals, and messages that C libraries print on its stderr."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ class Terminated(BaseException):
     """SIGTERM arrived."""
 
 
-# What each signal raises, and who handles it where nobody has asked to.
+# What each signal raises, and the handlers that may be replaced.
 _ENDS = {signal.SIGTERM: Terminated, signal.SIGINT: KeyboardInterrupt}
 _USUAL = (signal.SIG_DFL, signal.default_int_handler)
-# How long to wait until a signal is sent again, s.
+# Delay before a signal is sent again, s.
 _SOON_S = 0.01
 
 
 @contextlib.contextmanager
 def stoppable() -> Iterator[None]:
-    """Let SIGTERM end the block as Ctrl-C does, so that drafts are removed, and both even while modules are imported.
+    """Let SIGTERM and Ctrl-C end the block by an exception, so that drafts are removed, even during imports.
 
     Raises
     ------
     Terminated
-        When SIGTERM arrives. Nothing changes where Python handles no signals (outside of the main thread), nor for a
-        signal that is ignored or that somebody else handles.
+        When SIGTERM arrives. Nothing is changed outside of the main thread, where Python handles no signals, nor for
+        a signal that is ignored or has a handler of its own.
     KeyboardInterrupt
         After Ctrl-C.
     """
@@ -45,7 +45,7 @@ def stoppable() -> Iterator[None]:
         if not (numbers and arrived):
             usual_hook(unraisable)
             return
-        # Python drops what is raised while it throws objects away: again, once it is done with that.
+        # Python drops exceptions that are raised while it deletes objects, so the signal is sent again.
         threading.Timer(_SOON_S, _send_to_main_thread, numbers).start()
 
     usual_hook = sys.unraisablehook
@@ -58,8 +58,7 @@ def stoppable() -> Iterator[None]:
         sys.unraisablehook = dropped
         yield
     except Exception:
-        # Python wraps what is raised while a class is made (an import may be under way) into an error of its own, and
-        # libraries what is raised while they are imported.
+        # During an import, Python and libraries may wrap the signal's exception into one of their own.
         if arrived:
             raise arrived[0] from None
         raise
@@ -70,24 +69,24 @@ def stoppable() -> Iterator[None]:
 
 
 def end_with_stdin() -> None:
-    """Have the process end as by SIGTERM once its stdin is closed, or whoever has started it is gone.
+    """End the process as by SIGTERM when its stdin is closed, or the program that started it has ended.
 
-    For programs that start it through a launcher, as Slicer does: signals reach the launcher only.
+    For programs that start it through a launcher, as Slicer does: their signals reach only the launcher.
     """
 
     def watch() -> None:
-        # Not through sys.stdin, whose lock would be held while Python ends.
+        # Not by sys.stdin, whose lock would block Python at its end.
         with contextlib.suppress(OSError):
             while os.read(0, 1024):
                 pass
-        # Not as by Ctrl-C, which is ignored in what was started in the background.
+        # SIGTERM, because SIGINT is ignored in processes that were started in the background.
         _send_to_main_thread(signal.SIGTERM)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
 def _send_to_main_thread(number: int) -> None:
-    """Send a signal to the main thread, where Python handles it: it wakes up even if it waits for something."""
+    """Send a signal to the main thread, where Python handles it, even while that thread waits."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident, number)
     else:
@@ -95,7 +94,7 @@ def _send_to_main_thread(number: int) -> None:
 
 
 def flush_or_drop(stream: TextIO) -> None:
-    """Send what a stream holds; if nobody reads it any more, send it and what comes after it to nowhere.
+    """Flush a stream; if its reader has closed it, discard its contents and all later output.
 
     Parameters
     ----------
@@ -114,9 +113,9 @@ def flush_or_drop(stream: TextIO) -> None:
 
 @contextlib.contextmanager
 def silenced_stderr() -> Iterator[None]:
-    """Send to nowhere what is written to file descriptor 2, past Python: readers of images complain there.
+    """Discard what C libraries write to file descriptor 2: image readers print there.
 
-    An error they report through SimpleITK is not lost.
+    Errors are not lost, because SimpleITK raises them too.
     """
     with contextlib.suppress(AttributeError, OSError, ValueError):
         sys.stderr.flush()

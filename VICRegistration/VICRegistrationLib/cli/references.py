@@ -1,4 +1,4 @@
-"""References that fitted organs are compared with: the words that name them, and reading them."""
+"""References that fitted organs are compared with: their arguments, and reading them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..file_names import file_key
 from ..imaging.dicom import segmentation_in
 from .process import silenced_stderr
 
-# Endings of references in a folder, the first that there is.
+# Endings of references in a folder, in order of preference.
 _ENDINGS = (".json", *READABLE_MESHES, ".seg.nrrd", ".nrrd", ".nii.gz", ".nii", ".mha", ".mhd")
 
 
@@ -28,7 +28,7 @@ class OrganReference:
     path : Path
         Its file.
     asked : mapping of str to object
-        Label, whether the largest piece only, and frame, as they were asked for.
+        Label, largest piece only, and frame, as they were given.
     """
 
     read: ReadReference
@@ -36,12 +36,12 @@ class OrganReference:
     asked: Mapping[str, object] = field(default_factory=dict)
 
     def record(self) -> dict[str, object]:
-        """Say which reference it is as JSON keeps it, for `read_again`."""
+        """Describe the reference for JSON, so that `read_again` can read it."""
         return {"path": os.path.abspath(self.path), **self.asked}
 
 
 def add_words(group: argparse._ArgumentGroup, *, frame: str = "--frame") -> None:
-    """Add the words that say which part of a reference is meant.
+    """Add the arguments that choose a part of a reference.
 
     Parameters
     ----------
@@ -54,14 +54,15 @@ def add_words(group: argparse._ArgumentGroup, *, frame: str = "--frame") -> None
         metavar="[ORGAN=]LABEL",
         action="append",
         default=[],
-        help="value or name in a label image; may be repeated with ORGAN= (default: the only one)",
+        help="value or name of a label; with several organs ORGAN=LABEL for each (default: the only label, or the one "
+        "with the name of the organ)",
     )
     group.add_argument(
         "--largest",
         action="store_true",
-        help="only the largest piece of a label or a mesh, its hollows filled",
+        help="take only the largest piece of a label or a mesh, with its cavities filled",
     )
-    help_text = "frame of a mesh (default: what the file says, else LPS)"
+    help_text = "frame of a mesh (default: as marked in the file, else LPS)"
     group.add_argument(frame, dest="mesh_frame", choices=FRAMES, help=help_text)
 
 
@@ -77,7 +78,7 @@ def read_references(
     paths : dict of str to Path
         From `reference_paths`.
     options : argparse.Namespace
-        With the words of `add_words`.
+        With the arguments of `add_words`.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def read_references(
     Raises
     ------
     ValueError, OSError
-        With a sentence for the user.
+        With a message for the user.
     """
     labels = chosen_labels(options.label, names)
     words = {"largest": options.largest, "frame": options.mesh_frame}
@@ -110,13 +111,13 @@ def read_again(name: str, record: Mapping[str, object]) -> OrganReference:
     Raises
     ------
     ValueError, OSError
-        With a sentence for the user.
+        With a message for the user.
     """
     return _read(name, Path(record["path"]), {key: value for key, value in record.items() if key != "path"})
 
 
 def _read(name: str, path: Path, asked: Mapping[str, object]) -> OrganReference:
-    # What readers written in C print is an error, which they raise too.
+    # Readers written in C print errors, which they also raise.
     with silenced_stderr():
         return OrganReference(read_reference(path, organ=name, **asked), path, asked)
 
@@ -138,7 +139,7 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
     Raises
     ------
     ValueError
-        If the folder holds no reference for an organ, or several DICOM segmentations and not a file for each organ.
+        If the folder has no reference for an organ, or several DICOM segmentations.
     """
     path = Path(reference)
     if not path.is_dir():
@@ -163,7 +164,7 @@ def reference_paths(reference: str, names: Sequence[str]) -> dict[str, Path]:
 
 
 def chosen_labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
-    """Label of each organ out of words LABEL, for all of them, and ORGAN=LABEL.
+    """Label of each organ by arguments LABEL, for all organs, and ORGAN=LABEL.
 
     Parameters
     ----------
@@ -178,11 +179,11 @@ def chosen_labels(words: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     Raises
     ------
     ValueError
-        If an organ is not known, or several labels are for all organs.
+        If an organ is not known, or several labels are given for all organs.
     """
     common = [word for word in words if "=" not in word]
     if len(common) > 1:
-        msg = f"--label was given {len(common)} times; say which is for which organ, as --label {names[0]}={common[0]}."
+        msg = f"--label was given {len(common)} times; give the organ of each, such as --label {names[0]}={common[0]}."
         raise ValueError(msg)
     chosen = {name: label for label in common for name in names}
     for word in words:

@@ -15,18 +15,18 @@ from ..report.pictures import organ_figure, overview_figure
 from .console import LOG
 from .model_results import MODEL, MODEL_PICTURE, MODEL_STEP, MODEL_VTP
 from .organ_entries import FittedOrgan, Run
-from .outputs import ORGAN_FILES, PROGRAM
+from .outputs import ORGAN_FILES, PROGRAM_VERSION
 from .references import OrganReference
 from .stored_results import ASSEMBLY, OVERVIEW, PAGE, REPORT
 
 _COMMON_FILES = {
-    REPORT: "the numbers of this report, for programs",
+    REPORT: "the figures of this report, for programs",
     OVERVIEW: "picture of all organs",
     ASSEMBLY: "assembly of the exact solids (LPS mm)",
     MODEL: "the generic model, carried to the patient (RAS mm)",
-    MODEL_STEP: "the same as exact faces with the names of its patches (LPS mm)",
-    MODEL_VTP: "the same as triangles with the names of patches and parts (LPS mm)",
-    MODEL_PICTURE: "picture of the same from four sides",
+    MODEL_STEP: "the generic model as exact faces with the names of its patches (LPS mm)",
+    MODEL_VTP: "the generic model as triangles with the names of patches and parts (LPS mm)",
+    MODEL_PICTURE: "the generic model from four sides",
 }
 
 
@@ -39,20 +39,20 @@ def write_pictures(
     files: Mapping[str, Sequence[str]],
     common: Sequence[str],
 ) -> None:
-    """Write a picture of each organ of a run, one of all of several, and report.html.
+    """Write a picture of each organ of a run, one of all organs if there are several, and report.html.
 
     Parameters
     ----------
     run : Run
     organs : sequence of FittedOrgan
-        All that the page is about.
+        All organs of the page.
     references : mapping of str to OrganReference
-        By the organs' names; others have none.
+        By the organs' names, for those that have one.
     folder : Path
     files : mapping of str to sequence of str
         Names of the files of each organ.
     common : sequence of str
-        Names of the files that are about all organs.
+        Names of the files that have all organs.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def write_pictures(
         reported,
         run.image,
         Source(*(run.record[key] for key in keys)),
-        program=PROGRAM,
+        program=PROGRAM_VERSION,
         date=datetime.now().astimezone(),
         gaps=[str(gap) for gap in gaps(valid)] if several else (),
         files=_files(files, common),
@@ -99,7 +99,7 @@ def _reported(organ: FittedOrgan, reference: OrganReference | None) -> ReportedO
 
 
 def _files(files: Mapping[str, Sequence[str]], common: Sequence[str]) -> list[tuple[str, str]]:
-    """Files beside the page with what they are for, those of one kind together."""
+    """Files beside the page with their descriptions, those of one kind together."""
     kinds = [
         ([name + ending for name, own in files.items() if name + ending in own], use)
         for ending, use in ORGAN_FILES.items()

@@ -11,7 +11,7 @@ from .console import LOG, add_command, argument
 
 
 def add_parser(subparsers) -> None:
-    """Add the words of the command."""
+    """Define the arguments of the command."""
     parser = add_command(subparsers, "reproduce", "repeat the paper's section 2.3 and figures 5 and 6", run)
     parser.add_argument(
         "folder",

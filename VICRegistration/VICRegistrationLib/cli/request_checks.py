@@ -1,4 +1,4 @@
-"""Requests that an image cannot meet, found before the first organ is fitted."""
+"""Checks of requests against the image, before the first organ is fitted."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def check_request(image: Image, request: OrganRequest) -> None:
     Raises
     ------
     ValueError
-        The sentence gives the right call where points lie in the image as LPS coordinates or as voxel indices.
+        The message has the points in RAS mm if they lie in the image as LPS coordinates or as voxel indices.
     """
     _check_points(image, "seed", request.seeds)
-    # The wall may lie beyond the border of the volume, but not farther away than a correction goes.
+    # The wall may lie beyond the border of the volume, but not farther than a correction can move the surface.
     _check_points(image, "boundary", request.boundary, reach=LARGEST_DISTANCE_MM)
     if request.options.threshold is not None:
         _check_threshold(image, *request.options.threshold)
@@ -49,14 +49,14 @@ def _check_points(image: Image, word: str, points: Sequence[Sequence[float]], *,
 
 
 def _advice(image: Image, word: str, points: Sequence[Sequence[float]]) -> str:
-    """Say what was meant, if that can be known, and how to write it."""
+    """Say in which other coordinates the points lie in the image, if so, and give them in RAS mm."""
     meant = {
         "LPS coordinates (of DICOM, ITK and ITK-SNAP)": np.asarray(points, dtype=float) * (-1.0, -1.0, 1.0),
         "voxel indices i,j,k": _from_indices(image, points),
     }
     likely = {what: ras for what, ras in meant.items() if _all_in(image, ras)}
     if not likely:
-        return "Give RAS coordinates in mm, as Slicer shows them under the mouse pointer."
+        return "Give RAS coordinates in mm, as Slicer shows them for the mouse pointer."
     which = "it" if len(points) == 1 else "all of them"
     return " ".join(f"Taken as {what}, {which} would lie inside: {_call(word, ras)}." for what, ras in likely.items())
 
@@ -74,18 +74,18 @@ def _all_in(image: Image, points: np.ndarray | None) -> bool:
 
 
 def _inside(image: Image, points: Sequence[Sequence[float]], reach: float = 0.0) -> list[bool]:
-    """Which points lie in a voxel of the volume, or not farther than `reach` mm from one."""
+    """Whether points lie in a voxel of the volume, or not farther than `reach` mm from one."""
     places = np.asarray(points, dtype=float).reshape(-1, 3)
     with np.errstate(over="ignore", invalid="ignore"):
         index = image.to_ijk(places)
         nearest = np.clip(index, -0.5, image.size - 0.5)
         away = np.linalg.norm(image.to_ras(nearest) - image.to_ras(index), axis=1)
-    # Not the other way round: a point so far away that its index overflows has no order.
+    # Equality, because comparisons with an index that has overflowed to NaN are False.
     return ((index == nearest).all(axis=1) | (away <= reach)).tolist()
 
 
 def _call(word: str, points: np.ndarray) -> str:
-    """Points as flags and as a key of the configuration."""
+    """Text with points as flags and as a key of the configuration."""
     texts = [[f"{round(float(value), 2) + 0.0:g}" for value in point] for point in points]
     flags = " ".join(f"--{word}={','.join(text)}" for text in texts)
     lists = ", ".join(f"[{', '.join(text)}]" for text in texts)
@@ -97,7 +97,7 @@ def _check_threshold(image: Image, low: float, high: float) -> None:
     if low > high or (low <= most and high >= least):
         return
     msg = (
-        f"The threshold {low:g} to {high:g} holds no voxel: the grey levels of the image go from {least:g} to "
+        f"The threshold {low:g} to {high:g} contains no voxel: the grey levels of the image go from {least:g} to "
         f"{most:g}. Give the lowest and the highest grey level of the organ."
     )
     raise ValueError(msg)

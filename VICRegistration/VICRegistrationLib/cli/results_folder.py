@@ -1,4 +1,4 @@
-"""Writing what a run has fitted into the folder of results of its image, beside what earlier runs have fitted."""
+"""Writing the organs of a run into the folder of results of its image, beside those of earlier runs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def target_files(names: Sequence[str], *, pictures: bool, step: bool, model: boo
 
 
 def restored_organs(stored: StoredResults, names: Sequence[str], image: Image) -> dict[str, FittedOrgan]:
-    """Read the organs of earlier runs that stay.
+    """Restore the organs of earlier runs that stay.
 
     Parameters
     ----------
@@ -61,13 +61,13 @@ def restored_organs(stored: StoredResults, names: Sequence[str], image: Image) -
 
 
 def write_results(run: Run, folder: Path) -> None:
-    """Add the organs of a run to a folder of results, or replace them in it: all of it, or nothing.
+    """Add the organs of a run to a folder of results, or replace them in it: all files or none.
 
     Parameters
     ----------
     run : Run
     folder : Path
-        Is made if there is none.
+        Made if it does not exist.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def write_results(run: Run, folder: Path) -> None:
 
 
 def _write_drafts(run: Run, stored: StoredResults, drafts: Path) -> None:
-    """Write the files of the run, and those about all organs of the folder."""
+    """Write the files of the run, and those that have all organs of the folder."""
     for organ in run.organs:
         write_organ(organ, drafts)
     names = [*stored.organs, *(name for name in run.names if name not in stored.organs)]
@@ -124,24 +124,26 @@ def _stored_references(run: Run, stored: StoredResults) -> dict[str, OrganRefere
         try:
             found[name] = read_again(name, entry["reference"])
         except (OSError, ValueError) as error:
-            LOG.warning(f"{name}: warning: report.html is without its reference, which cannot be read again: {error}")
+            LOG.warning(
+                f"{name}: warning: report.html does not show its reference, which cannot be read again: {error}"
+            )
     return found
 
 
 def _outdated(run: Run, stored: StoredResults, drafts: Path) -> list[str]:
-    """Results of earlier runs that would not show what is there now."""
+    """Files of earlier runs that do not show the present surfaces."""
     organs = dict.fromkeys([*run.names, *stored.removed_organs])
     listed = [*stored.content.get("files", {}), *(file for name in organs for file in stored.files_of(name))]
     old = [name for name in listed if (stored.folder / name).is_file() and not (drafts / name).exists()]
     for name in old:
         if not stored.holds(name):
-            LOG.warning(f"{stored.folder / name} is outdated; it was changed since it was written, so it is left there")
+            LOG.warning(f"{stored.folder / name} is outdated, but is kept because it was changed since it was written")
     return [name for name in old if stored.holds(name)]
 
 
 def _warn_of_removed(run: Run, stored: StoredResults, outdated: Sequence[str]) -> None:
     removed = ", ".join(name for name in stored.removed_organs if name not in run.names)
     if removed:
-        LOG.warning(f"no longer in the report, as the surface was removed from {stored.folder}: {removed}")
+        LOG.warning(f"no longer in the report, because the surface was removed from {stored.folder}: {removed}")
     if outdated:
-        LOG.warning(f"removed from {stored.folder}, as outdated: {', '.join(outdated)}")
+        LOG.warning(f"removed from {stored.folder} because outdated: {', '.join(outdated)}")

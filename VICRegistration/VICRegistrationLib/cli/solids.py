@@ -1,4 +1,4 @@
-"""Organs on their way from surface files to files for CAD and simulation: names and colours."""
+"""Reading surface files as solids with names and colours."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..transactions import recover
 from .console import LOG
 from .stored_results import REPORT
 
-# Files of organs that hold their surfaces; others, of the same names, hold triangles or solids.
+# Endings of files that have a control net; other files of an organ have triangles or solids.
 _SUFFIXES = (".json", ".vtp")
 
 
@@ -29,7 +29,7 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     ----------
     paths : sequence of path
         Files .json or .vtp as the program writes them. A surface without a name gets that of its file. A fit's
-        report.json and models of several organs are left out, with a line on stderr for each.
+        report.json and models of several organs are skipped, with a line on stderr for each.
 
     Returns
     -------
@@ -48,26 +48,26 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
     surfaces: dict[str, BSplineSurface] = {}
     read: dict[str, Path] = {}
     for path in map(Path, paths):
-        # A fit writes it beside its surfaces, so that organs/*.json names it too; no organ can have its name.
+        # organs/*.json contains it as well; no organ can have its name.
         if path.name == REPORT:
-            LOG.warning(f"{path} is the report of a fit and holds no surface; it is left out")
+            LOG.warning(f"{path} is the report of a fit and has no surface; it is skipped")
             continue
         if is_model_file(path) or holds_patches(path):
-            LOG.warning(f"{path} is a model of several organs and not the surface of one; it is left out")
+            LOG.warning(f"{path} is a model of several organs and not the surface of one; it is skipped")
             continue
         if path.suffix.lower() not in _SUFFIXES:
-            msg = f"{path} holds no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
+            msg = f"{path} has no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
             raise ValueError(msg)
         record = read_vtp_record(path) if path.suffix.lower() == ".vtp" else read_surface_record(path)
         name = record.name or path.stem
         before = read.setdefault(file_key(name), path)
         if before is not path:
-            msg = f"{before} and {path} both hold a surface named {name!r}; give the surfaces of different organs."
+            msg = f"{before} and {path} both have a surface named {name!r}; give surfaces of different organs."
             raise ValueError(msg)
         surfaces[name] = record.surface
     if not surfaces:
         msg = (
-            f"{Path(paths[0]).name} holds no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them. "
+            f"{Path(paths[0]).name} has no surface; give the organ's file NAME.json or NAME.vtp, as fit writes them. "
             "Models of several organs (model.json) are for the commands model and mesh."
         )
         raise ValueError(msg)
@@ -91,7 +91,7 @@ def colored_solids(surfaces: Mapping[str, BSplineSurface]) -> tuple[Solid, ...]:
 
 
 def file_name(name: str) -> str:
-    """Name of an organ, if files can have it.
+    """Check that the name of an organ can be the name of a file.
 
     Parameters
     ----------
@@ -104,10 +104,10 @@ def file_name(name: str) -> str:
     Raises
     ------
     ValueError
-        If files cannot.
+        If it cannot.
     """
     try:
         return organ_name(name)
     except ValueError as error:
-        msg = f"A surface cannot give a file its name: {error}."
+        msg = f"The name of a surface cannot be that of a file: {error}."
         raise ValueError(msg) from error

@@ -1,4 +1,4 @@
-"""Further stacks of an organ: as a user names them, and as ``report.json`` keeps them."""
+"""Further stacks of an organ: their arguments, and their entries in ``report.json``."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..imaging.reading import read_image
 from ..messages import Diagnostic
 from ..registration.stacks import StackUse
 
-# Not in reports that were written before fits knew them.
+# Missing in reports of earlier versions.
 _DEVIATIONS = ("translation_sd_mm", "rotation_sd_degrees")
 
 
 def stack_place(given: str) -> tuple[str, dict[str, object]]:
-    """Take apart what names a further stack: IMAGE, FOLDER@SERIES or FILE@FRAME.
+    """Parse the argument of a further stack: IMAGE, FOLDER@SERIES or FILE@FRAME.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def stack_place(given: str) -> tuple[str, dict[str, object]]:
     Returns
     -------
     path : str
-        All of it where there is such a file or folder, or no @.
+        The whole argument if it is a file or folder, or has no @.
     choice : dict
         `series` or `frame` as :func:`..imaging.reading.read_image` takes them.
 
@@ -40,13 +40,13 @@ def stack_place(given: str) -> tuple[str, dict[str, object]]:
     if Path(path).is_dir():
         return path, {"series": which}
     if not which.isascii() or not which.isdecimal():
-        msg = f"{given} was given for a further stack; after the @ of a file is the number of its volume, from 1."
+        msg = f"{given} was given for a further stack; after a file and @ the number of a volume is needed, from 1."
         raise ValueError(msg)
     return path, {"frame": int(which)}
 
 
 def motion_text(stack: StackUse) -> str:
-    """Say how an organ moved from the first image to a stack that was used, and how sure that is."""
+    """Text with the motion of an organ from the first image to a stack, and its standard deviations."""
     shift = ", ".join(f"{value:+.1f}" for value in stack.translation_mm)
     return (
         f"R A S {shift} (± {stack.translation_sd_mm:.1g}) mm and {stack.rotation_degrees:.1f} "
@@ -55,7 +55,7 @@ def motion_text(stack: StackUse) -> str:
 
 
 def stack_entry(stack: StackUse) -> dict[str, object]:
-    """Put what became of a stack as JSON keeps it.
+    """Make the entry of a stack for JSON.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def stack_entry(stack: StackUse) -> dict[str, object]:
 
 
 def _finite(value: float) -> float | None:
-    """Take a number as JSON keeps it, which knows no infinity: None where it is not finite."""
+    """Return a number for JSON: None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
 def restored_stack(entry: Mapping[str, object]) -> StackUse:
-    """Read a stack of an earlier run again; its file must still be there.
+    """Restore a stack of an earlier run; its file must still exist.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def restored_stack(entry: Mapping[str, object]) -> StackUse:
     why, (path, choice) = entry["reason"], stack_place(entry["file"])
     return StackUse(
         name=entry["file"],
-        # What its file leaves open was reported by the run that used it.
+        # The earlier run has reported the warnings about its file.
         image=read_image(path, warn=lambda note: None, **choice),
         reason=None if why is None else Diagnostic.restored(why),
         motion=np.array(entry["motion"]),

@@ -1,8 +1,8 @@
-"""The folder of results of one image: what earlier runs have left there, and whose the files are.
+"""The folder of results of one image: the results of earlier runs, and which files belong to them.
 
-A folder belongs to one image. Organs are added to it or replaced in it; ``report.json`` names all of them with their
-files and the digests of those. A file is a result if the report names it and its content is the one that was written;
-everything else in the folder is the user's and is never touched.
+A folder belongs to one image. Organs are added to it or replaced in it; ``report.json`` lists all of them with their
+files and the digests of those. A file is a result if the report lists it and its content was not changed; all other
+files in the folder are the user's and are never touched.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ REPORT, PAGE, OVERVIEW, ASSEMBLY = "report.json", "report.html", "overview.png",
 SCHEMA, VERSION = "vic-registration/report", 2
 # Key of a report.
 _DIGEST = "digest"
-# Two readings of one file may round differently, mm.
+# Tolerance for rounding when an image is read again, mm.
 _SAME_PLACE_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class StoredResults:
-    """What ``report.json`` of a folder says.
+    """Contents of ``report.json`` of a folder.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ class StoredResults:
 
     @property
     def files(self) -> dict[str, str]:
-        """All files with their digests, but for the report itself."""
+        """All files with their digests, except the report itself."""
         common = self.content.get("files", {})
         return {**common, **{file: digest for name in self._all_organs for file, digest in self.files_of(name).items()}}
 
     def holds(self, name: str) -> bool:
-        """Whether a file of the folder is a result, as it was written."""
+        """Whether a file of the folder is a result that was not changed."""
         if name == REPORT:
             return bool(self.content)
         return name in self.files and file_digest(self.folder / name) == self.files[name]
@@ -78,12 +78,12 @@ class StoredResults:
         Parameters
         ----------
         names : iterable of str
-            Of files to be written.
+            Names of files to be written.
 
         Raises
         ------
         ValueError
-            If one is there that is not a result, or was changed since.
+            If one exists that is no result, or was changed since.
         """
         for name in names:
             path = self.folder / name
@@ -92,11 +92,11 @@ class StoredResults:
             if name in self.files:
                 msg = f"{path} was changed since it was written; move it elsewhere, or choose another output folder."
             else:
-                msg = f"{path} is there and is no result of a fit; move it elsewhere, or choose another output folder."
+                msg = f"{path} exists and is no result of a fit; move it elsewhere, or choose another output folder."
             raise ValueError(msg)
 
     def check_names(self, names: Iterable[str]) -> None:
-        """Refuse a name that differs from one in the folder only in what file systems ignore.
+        """Refuse a name that differs from one in the folder only in upper and lower case.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class StoredResults:
         for name in names:
             before = known.get(file_key(name), name)
             if before != name:
-                msg = f"The folder {self.folder} holds an organ {before}; name it like that, or choose another folder."
+                msg = f"The folder {self.folder} has an organ {before}; use that name, or choose another folder."
                 raise ValueError(msg)
 
     def check_image(self, record: Mapping[str, object]) -> None:
@@ -135,8 +135,8 @@ class StoredResults:
         same_name = Path(before).name == Path(now).name and all(self.content.get(key) == record[key] for key in asked)
         what = f"an earlier version of {before}" if same_name else f"another image, {before}"
         msg = (
-            f"The folder {self.folder} holds results of {what}; choose another folder by --output, or remove it. "
-            "A folder belongs to one image."
+            f"The folder {self.folder} has results of {what}, and a folder belongs to one image; choose another "
+            "folder by --output, or remove it."
         )
         raise ValueError(msg)
 
@@ -150,7 +150,7 @@ class StoredResults:
 
 
 def read_results(folder: Path) -> StoredResults:
-    """Read what a folder of results holds.
+    """Read the report of a folder of results.
 
     Parameters
     ----------
@@ -181,12 +181,12 @@ def read_results(folder: Path) -> StoredResults:
         msg = f"{path} is damaged ({reason(error)}); {way_out}."
         raise ValueError(msg) from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        msg = f"{path} is no report of a fit, and one would replace it; {way_out}."
+        msg = f"{path} is no report of a fit, and would be replaced; {way_out}."
         raise ValueError(msg)
     if content.get("version") != VERSION:
         msg = (
-            f"{path} has version {content.get('version')!r}, and version {VERSION} is understood: another version of "
-            f"the program has written it; {way_out}."
+            f"{path} has version {content.get('version')!r}, but this version of the program reads version {VERSION}; "
+            f"{way_out}."
         )
         raise ValueError(msg)
     if content.get(_DIGEST, _content_digest(content)) != _content_digest(content):
@@ -196,7 +196,7 @@ def read_results(folder: Path) -> StoredResults:
 
 
 def with_digest(content: Mapping[str, object]) -> dict[str, object]:
-    """Add to a report the digest by which it is known whether it was changed since.
+    """Add to a report a digest, which tells whether it was changed later.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def with_digest(content: Mapping[str, object]) -> dict[str, object]:
 
 
 def _content_digest(content: Mapping[str, object]) -> str:
-    """SHA-256 of a report without its digest, whatever the order of its keys and its white space."""
+    """SHA-256 of a report without its digest; the order of keys and white space do not matter."""
     text = json.dumps({key: value for key, value in content.items() if key != _DIGEST}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -218,7 +218,7 @@ def _content_digest(content: Mapping[str, object]) -> str:
 def image_record(
     image: Image, path: str, series: str | None, frame: int | None = None, warnings: Sequence[str] = ()
 ) -> dict[str, object]:
-    """Describe which image it is, for ``report.json``.
+    """Describe an image for ``report.json``.
 
     Parameters
     ----------
@@ -226,20 +226,20 @@ def image_record(
     path : str
         As the user gave it.
     series : str, optional
-        The DICOM series that was asked for.
+        The DICOM series that was chosen.
     frame : int, optional
-        Which of several volumes was asked for.
+        Number of the volume that was chosen.
     warnings : sequence of str
-        What the file leaves open, a sentence each.
+        Warnings about the file, a sentence each.
 
     Returns
     -------
     dict
-        With size, spacing, matrix, and the digest of the grey levels: whatever the file is called.
+        With size, spacing, matrix and digest of the grey levels, by which the image is recognised.
     """
     digest = hashlib.sha256()
     for part in image.array:
-        # Readers may give whole numbers as floating ones.
+        # One type for all, because readers may return integers or floating-point numbers.
         digest.update(np.ascontiguousarray(part, dtype="<f4"))
     return {
         "image": path,
@@ -254,7 +254,7 @@ def image_record(
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file as hexadecimal digits; empty if it is not there."""
+    """SHA-256 of a file as hexadecimal digits; empty if it does not exist."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:

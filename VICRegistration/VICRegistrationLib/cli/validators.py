@@ -1,4 +1,4 @@
-"""Values of flags and of keys of a configuration that are no options of a fit: the same checks for both."""
+"""Checks of values for flags and keys of a configuration, except the options of a fit."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def paths(value: object) -> list[str]:
 
 
 def motion(value: str) -> tuple[float, float]:
-    """Check a motion: two numbers from 0, mm and degrees."""
+    """Check a motion: mm and degrees, not negative."""
     found = [_number(part) for part in value.split(",")]
     if len(found) != 2 or None in found or min(found) < 0.0:
         msg = f"{value!r} was given; two numbers from 0 are needed, mm and degrees, such as 3,2"
@@ -58,7 +58,7 @@ def motion(value: str) -> tuple[float, float]:
 
 
 def number(value: str) -> float:
-    """Check that a word is a number; whether it makes sense is for others to say."""
+    """Check that a text is a number; its range is checked elsewhere."""
     try:
         return float(value)
     except ValueError as error:
@@ -67,7 +67,7 @@ def number(value: str) -> float:
 
 
 def whole(needed: str, most: float = math.inf) -> Callable[[str], int]:
-    """Make the check of a whole number from 1 to `most`; `needed` says what it is for."""
+    """Make a check of a whole number from 1 to `most`; `needed` says what is needed."""
 
     def check(value: str) -> int:
         if not value.isascii() or not value.isdecimal() or not 1 <= int(value) <= most:
