@@ -11,7 +11,6 @@ import hippocampus
 import measuring
 import numpy as np
 import pytest
-import random_organs
 import robustness
 import run
 import scenes
@@ -120,12 +119,6 @@ def test_the_contour_and_the_fit_are_measured_on_the_same_organ(scene):
     assert np.mean(np.einsum("nk,nk->n", normals, points - points.mean(axis=0)) > 0.0) > 0.99
     result = surfaces.measured(scene, 1)
     assert result["ratio"] == pytest.approx(result["fit"] / result["vtk"])
-
-
-def test_random_shapes_are_painted_and_fitted():
-    text = random_organs.report(quick=True)
-    assert re.search(r"2 organs of \d+ to \d+ ml fitted, 2 of the surfaces valid\.", text)
-    assert float(re.search(r"worst +\| +(0\.\d\d) ", text)[1]) < 0.15
 
 
 def test_real_images_are_left_out_where_there_are_none(tmp_path):
