@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import sparse
 
-# Matrices for at most so many parameters are kept: those of grids, on which every surface is looked at.
+# Collocation matrices for at most so many parameters are cached: those of grids, which are the same for many surfaces.
 _FEW = 512
 
 
@@ -117,7 +117,7 @@ def nonzero_basis(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int
     # The end of the domain belongs to the last span that is not empty.
     last_filled = np.searchsorted(knots, high, side="left") - 1
     span = np.minimum(span, last_filled)
-    # A row for each function: whole rows are computed at once.
+    # One row for each function.
     values = np.ones((1, len(x)))
     for k in range(1, degree + 1):
         width = knots[k:] - knots[:-k]
@@ -164,7 +164,7 @@ def collocation(degree: int, knots: np.ndarray, x: np.ndarray, derivative: int =
 
 @lru_cache(maxsize=128)
 def _kept_collocation(degree: int, knots: bytes, x: bytes, derivative: int) -> sparse.csr_matrix:
-    """Make a matrix that is asked for again and again: surfaces are looked at on grids of the same few parameters."""
+    """Compute a collocation matrix; the last ones are cached."""
     return _collocation(degree, np.frombuffer(knots), np.frombuffer(x), derivative)
 
 
@@ -217,7 +217,7 @@ def knot_insertion(degree: int, knots: np.ndarray, new_knots: np.ndarray):
 
 @lru_cache(maxsize=32)
 def _kept_insertion(degree: int, knots: bytes, new_knots: bytes) -> tuple[np.ndarray, sparse.csr_matrix]:
-    """Insert knots; kept, because nets of one size are made finer in the same way for every organ."""
+    """Insert knots; cached, because nets of one size are refined in the same way for every organ."""
     knots = np.frombuffer(knots)
     low, high = domain(degree, knots)
     matrix = sparse.identity(len(knots) - degree - 1, format="csr")
@@ -256,7 +256,7 @@ def periodic_to_clamped(degree: int, breaks: np.ndarray):
         Clamped knot vector over the period.
     matrix : (n_distinct + degree, n_distinct) csr_matrix
         Maps the distinct control points of the periodic spline to those of the clamped one. Its first and its last
-        row are the same numbers, so that the seam is closed to the last bit.
+        row are bitwise equal, so that the seam is closed exactly.
 
     Raises
     ------
@@ -275,7 +275,7 @@ def periodic_to_clamped(degree: int, breaks: np.ndarray):
     knots, insertion = knot_insertion(degree, knots, np.repeat([breaks[0], breaks[-1]], degree))
     inside = slice(degree, -degree)
     matrix = (insertion @ wrap).tocsr()[inside].tolil()
-    # Rotation of the columns makes rounding differ at both ends of the seam; one end is taken for both.
+    # Both ends of the seam have the same row up to rounding; made equal, so that the seam is closed exactly.
     matrix[-1] = matrix[0]
     return knots[inside], matrix.tocsr()
 

@@ -1,7 +1,7 @@
-"""Centreline of a long region: its points, frames across it, and the sections of the region there.
+"""Centreline of a long region, with frames across it and the cross-sections of the region.
 
-The axis of a bent organ is none of its principal axes, which leave a banana at its middle. It runs through the centres
-of the places that are as far from one end of the organ, measured inside of it.
+The axis of a bent organ is a curve. It is found through the centres of slices of voxels that have equal geodesic
+distances, inside of the organ, from one of its ends.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from scipy import ndimage, sparse
 from scipy.interpolate import make_smoothing_spline
 from scipy.sparse import csgraph
 
-# Slices across the axis.
+# Number of slices along the axis.
 _SLICES = 20
-# An ellipsoid's sections shrink towards its poles; beyond this height the measured ones do not determine them.
+# Sections are measured up to this height, where the ends are at -1 and 1. Beyond, they shrink as those of an ellipsoid.
 _HIGHEST = 0.75
 _SMOOTHING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Centreline:
-    """Axis of a long organ, at equal steps from one end to the other.
+    """Axis of a long organ, sampled at equal steps from one end to the other.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ class Centreline:
     points : (n, 3) ndarray
         mm.
     frames : (n, 3, 2) ndarray
-        Two unit vectors across the axis, which turn no more than the axis does.
+        Two unit vectors across the axis, without rotation about it.
     sections : (n, 2, 2) ndarray
-        Take the unit disc to the section there, mm: symmetric.
+        Symmetric matrices that map the unit disc to the cross-section there, mm.
     """
 
     places: np.ndarray
@@ -43,7 +43,7 @@ class Centreline:
 
     @property
     def bend(self) -> float:
-        """Largest distance of the axis from the straight line between its ends, in mean half widths."""
+        """Largest distance of the axis from the straight line between its ends, in units of the mean half width."""
         chord = self.points[-1] - self.points[0]
         along = np.linalg.norm(chord)
         offset = self.points - self.points[0]
@@ -53,7 +53,7 @@ class Centreline:
         return float(np.linalg.norm(offset, axis=1).max() / width)
 
     def bent(self, sphere: np.ndarray) -> np.ndarray:
-        """Take points of the unit ball (n, 3) into the organ, (n, 3) mm: z runs along the axis, x and y across it."""
+        """Map points of the unit ball (n, 3) into the organ, (n, 3) mm: z runs along the axis, x and y across it."""
         points, frames, sections = (
             _between(self.places, values, np.clip(sphere[:, 2], -1.0, 1.0))
             for values in (self.points, self.frames, self.sections)
@@ -68,14 +68,14 @@ def centreline(inside: np.ndarray, lattice: np.ndarray) -> Centreline | None:
     Parameters
     ----------
     inside : (nk, nj, ni) ndarray of bool
-        The region; its largest piece counts.
+        The region; only its largest piece is used.
     lattice : (4, 4) ndarray
         From indices (i, j, k) to mm, with equal steps along all axes.
 
     Returns
     -------
     Centreline or None
-        None where the region is too small to have one.
+        None if the region is too small to have one.
     """
     k, j, i = np.nonzero(_largest(inside))
     points = np.column_stack([i, j, k]) @ lattice[:3, :3].T + lattice[:3, 3]
@@ -91,7 +91,7 @@ def centreline(inside: np.ndarray, lattice: np.ndarray) -> Centreline | None:
         return None
     centers = np.stack([np.bincount(number, points[:, a], _SLICES) / count for a in range(3)], axis=1)
     places = np.linspace(-1.0, 1.0, 2 * _SLICES + 1)
-    # One coordinate at a time: older versions of scipy take no more.
+    # One coordinate at a time, because older versions of scipy do not take several.
     lines = [make_smoothing_spline(middles, along, lam=_SMOOTHING / _SLICES**2) for along in centers.T]
     curve = np.stack([line(places) for line in lines], axis=1)
     frames = _frames(curve, np.stack([line.derivative()(places) for line in lines], axis=1))
@@ -100,7 +100,7 @@ def centreline(inside: np.ndarray, lattice: np.ndarray) -> Centreline | None:
     moments = np.stack(
         [np.einsum("na,nb->ab", across[number == s], across[number == s]) / count[s] for s in range(_SLICES)]
     )
-    # Of a full ellipse half an axis is twice the standard deviation along it.
+    # A semi-axis of an ellipse is twice the standard deviation of its area along it.
     sections = _roots(4.0 * moments) / np.sqrt(1.0 - np.minimum(np.abs(middles), _HIGHEST) ** 2)[:, None, None]
     inner = np.clip(places, -_HIGHEST, _HIGHEST)
     smooth = ndimage.gaussian_filter1d(sections, 1.0, axis=0, mode="nearest")
@@ -114,7 +114,7 @@ def _largest(inside: np.ndarray) -> np.ndarray:
 
 
 def _distances_from_an_end(voxels: np.ndarray, shape: tuple[int, ...], step: float) -> np.ndarray:
-    """Shortest ways inside a region from one of its ends to all its voxels (n, 3), (n,) mm."""
+    """Geodesic distances inside a region from one of its ends to all its voxels (n, 3), (n,) mm."""
     numbers = np.full(np.array(shape) + 2, -1)
     numbers[tuple((voxels + 1).T)] = np.arange(len(voxels))
     rows, columns, lengths = [], [], []
@@ -132,10 +132,10 @@ def _distances_from_an_end(voxels: np.ndarray, shape: tuple[int, ...], step: flo
 
 
 def _frames(points: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    """Frames across a curve that do not turn about it, (n, 3, 2).
+    """Rotation-minimising frames across a curve, (n, 3, 2).
 
-    Double reflection of Wang, Juettler, Zheng and Liu (ACM Trans. Graph. 27(1), 2008): the frame is mirrored in the
-    plane between two points, and again so that its tangent is that of the second one.
+    Double reflection method of Wang, Juettler, Zheng and Liu (ACM Trans. Graph. 27(1), 2008): the frame is reflected in
+    the bisecting plane of two points, and then so that its tangent becomes that of the second point.
     """
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     first = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
@@ -149,12 +149,12 @@ def _frames(points: np.ndarray, tangents: np.ndarray) -> np.ndarray:
 
 
 def _mirrored(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Mirror a vector in the plane with a normal of any length; one of no length leaves it."""
+    """Reflect a vector in the plane with a normal of any length; a zero normal leaves it unchanged."""
     return vector - 2.0 * (normal @ vector) / max(float(normal @ normal), 1e-300) * normal
 
 
 def _roots(matrices: np.ndarray) -> np.ndarray:
-    """Square roots of symmetric matrices (n, 2, 2) that are not negative."""
+    """Square roots of symmetric positive semidefinite matrices, (n, 2, 2)."""
     values, vectors = np.linalg.eigh(matrices)
     return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
 

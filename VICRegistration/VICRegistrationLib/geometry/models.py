@@ -1,9 +1,9 @@
-"""Generic models: the surfaces that fits start from.
+"""Generic models: the surfaces from which fits start.
 
-A generic model for organs is a function of the organ's shape, the size of the control net and the closure. To add one,
-write that function, by :func:`drawn` in a few lines, and give it a name in `GENERIC_MODELS`; fits take it by that name
-(``FitOptions(model="ellipsoid")``). The surfaces that models are made of are here too: the closed organ close to a
-sphere, and the paper's bell.
+A generic model is a function of the organ's shape, the size of the control net and the closure. To add one, write that
+function, with :func:`drawn` in a few lines, and give it a name in `GENERIC_MODELS`; fits take it by that name
+(``FitOptions(model="ellipsoid")``). This file also has the closed organ close to a sphere, from which models are made,
+and the paper's bell.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from . import bspline
@@ -22,29 +21,28 @@ from .parametrization import closed_organ as closed_organ_parametrization
 from .surface import BSplineSurface
 
 DEFAULT_NET = (9, 7)
-# The automatic model is the tube where the organ's axis leaves the straight line between its ends by more than this
-# share of the organ's half width. Seen: 1.3 to 3.8 for tubes bent by 60 to 250 degrees; up to 1.2 an ellipsoid serves
-# eggs as well or better.
+# The automatic model is the tube if two conditions are met. The bend of the centreline is larger than this: tubes bent
+# by 60 to 250 degrees have 1.3 to 3.8; up to 1.2 an ellipsoid suits eggs as well or better.
 _BENT = 1.2
-# And if the tube is nearer to the region than this share of what the ellipsoid is. Seen: 0.1 to 0.3 for bent tubes, 1.2
-# to 2.4 for eggs and pears.
+# And the tube's misfit is less than this share of the ellipsoid's: 0.1 to 0.3 for bent tubes, 1.2 to 2.4 for eggs and
+# pears.
 _NEARER = 0.7
-# Where that is measured.
+# Number of samples in u and v for the misfit.
 _SAMPLES = (32, 20)
 
 
 @dataclass(frozen=True, eq=False)
 class OrganShape:
-    """What a generic model is made for: a separated organ, in the frame of its principal axes about its centre.
+    """Shape of a separated organ, in the frame of its principal axes about its centre: the input of a generic model.
 
     Parameters
     ----------
     extents : (3,) ndarray
         Standard deviations along x, y and z, mm, longest first; a solid ellipsoid's semi-axes are sqrt(5) times these.
     inside : (nk, nj, ni) ndarray of bool
-        Where the organ is, on a lattice with equal steps.
+        Mask of the organ on a lattice with equal steps.
     lattice : (4, 4) ndarray
-        From indices (i, j, k) to mm.
+        Takes indices (i, j, k) to mm.
     distance : callable
         Signed distances from the boundary, (n,) mm, negative inside, at points (n, 3) mm.
     """
@@ -77,7 +75,7 @@ def generic_model(name: str, shape: OrganShape, net: tuple[int, int], closure: s
     Raises
     ------
     ValueError
-        If there is no such model, it cannot be made for this organ, or what it makes is no closed organ with that net.
+        If there is no such model, it cannot be made for this organ, or its surface is no closed organ with that net.
     """
     if name not in GENERIC_MODELS:
         msg = f"The generic model {name!r} was asked for; choose one of {', '.join(GENERIC_MODELS)}."
@@ -94,11 +92,11 @@ def generic_model(name: str, shape: OrganShape, net: tuple[int, int], closure: s
 
 
 def automatic(shape: OrganShape, net: tuple[int, int], closure: str, *, least_bend: float = _BENT) -> BSplineSurface:
-    """Make the ellipsoid, or a tube if the organ is bent and much more like that.
+    """Make the ellipsoid, or a tube if the organ is bent and the tube fits much better.
 
     Notes
     -----
-    The axis of an egg is crooked too, but a tube along it is farther from the egg than an ellipsoid is.
+    The bend alone does not decide: the centreline of an egg is bent too, but the ellipsoid fits an egg better.
     """
     straight = ellipsoid(shape, net, closure)
     axis = centreline(shape.inside, shape.lattice)
@@ -116,7 +114,7 @@ def ellipsoid(shape: OrganShape, net: tuple[int, int], closure: str) -> BSplineS
 
 
 def tube(shape: OrganShape, net: tuple[int, int], closure: str) -> BSplineSurface:
-    """Make a tube along the organ's centreline, with its sections and a pole at each end.
+    """Make a tube along the organ's centreline, with the organ's cross-sections and a pole at each end.
 
     Raises
     ------
@@ -144,31 +142,31 @@ GENERIC_MODELS: dict[str, Callable[[OrganShape, tuple[int, int], str], BSplineSu
 def drawn(
     place: Callable[[np.ndarray], np.ndarray], net: tuple[int, int] = DEFAULT_NET, *, closure: str = "smooth"
 ) -> BSplineSurface:
-    """Make a closed organ of any form: the unit sphere, with its points taken elsewhere.
+    """Make a closed organ of any form, by a map of the unit sphere.
 
     Parameters
     ----------
     place : callable
-        From points of the unit sphere (n, 3) to mm, (n, 3): one to one, and not mirrored. The poles are (0, 0, -1) and
-        (0, 0, 1).
+        Maps points of the unit sphere (n, 3) to mm, (n, 3); one to one, and without mirroring. The poles are
+        (0, 0, -1) and (0, 0, 1).
     net : (rows, columns)
     closure : {"smooth", "paper"}
 
     Returns
     -------
     BSplineSurface
-        The closed organ with that net whose points come nearest.
+        The least-squares fit to the mapped points by a closed organ with that net.
     """
     sphere = closed_organ(net, closure=closure)
     counts = max(3 * (net[0] - 1), 24), max(3 * (net[1] - 3), 12)
-    points = _midpoint_basis(sphere, counts) @ sphere.control_net.reshape(-1, 3)
+    points = sphere.grid_basis(*sphere.midpoint_axes(*counts)) @ sphere.control_net.reshape(-1, 3)
     return closed_through(place(points), counts, net, closure=closure)
 
 
 def closed_through(
     points: np.ndarray, counts: tuple[int, int], net: tuple[int, int], *, closure: str
 ) -> BSplineSurface:
-    """Make the closed organ that comes nearest to points of another surface.
+    """Fit a closed organ to points of another surface by least squares.
 
     Parameters
     ----------
@@ -184,21 +182,12 @@ def closed_through(
     """
     sphere = closed_organ(net, closure=closure)
     closed = closed_organ_parametrization(sphere, closure=closure)
-    basis = _midpoint_basis(sphere, counts)
+    basis = sphere.grid_basis(*sphere.midpoint_axes(*counts))
     start = basis @ sphere.control_net.reshape(-1, 3)
     q = np.zeros(closed.n_dof)
     for k, (matrix, index) in enumerate(zip(closed.matrices, closed.indices)):
         q[index] = np.linalg.lstsq((basis @ matrix).toarray(), points[:, k] - start[:, k], rcond=None)[0]
     return closed.deform(q)
-
-
-def _midpoint_basis(surface: BSplineSurface, counts: tuple[int, int]) -> sparse.csr_matrix:
-    """Basis functions at the midpoints of equal intervals, (n_u * n_v, n_control)."""
-    along = []
-    for degree, knots, count in zip(surface.degrees, surface.knots, counts):
-        low, high = bspline.domain(degree, knots)
-        along.append(bspline.collocation(degree, knots, low + (high - low) * (np.arange(count) + 0.5) / count))
-    return sparse.kron(*along, format="csr")
 
 
 def closed_organ(
@@ -209,7 +198,7 @@ def closed_organ(
     axes: np.ndarray | None = None,
     center: np.ndarray = (0.0, 0.0, 0.0),
 ) -> BSplineSurface:
-    """Make a closed surface close to a sphere or ellipsoid: the start of every organ.
+    """Make a closed surface close to a sphere or ellipsoid.
 
     Parameters
     ----------
@@ -274,7 +263,7 @@ def _unit_sphere(rows: int, columns: int, degrees: tuple[int, int], closure: str
 
 
 def _check_net(rows: int, columns: int, degrees: tuple[int, int], closure: str) -> None:
-    # With fewer rows the seam's midpoints fall onto the axis of the tube.
+    # With fewer rows the midpoints at the seam lie on the axis.
     needed_rows = max(degrees[0] + 2, 4) if closure == "smooth" else max(degrees[0] + 1, 6)
     needed_columns = max(degrees[1] + 1, 4 if closure == "smooth" else 5)
     if rows < needed_rows or columns < needed_columns:
@@ -299,13 +288,11 @@ def _closest_to_sphere(start: BSplineSurface, closure: str) -> BSplineSurface:
     parametrization = closed_organ_parametrization(start, closure=closure)
     u, _ = bspline.gauss_points(start.degrees[0], start.knots_u, 4)
     v, _ = bspline.gauss_points(start.degrees[1], start.knots_v, 4)
-    basis_u = bspline.collocation(start.degrees[0], start.knots_u, u)
-    basis_v = bspline.collocation(start.degrees[1], start.knots_v, v)
-    basis = sparse.kron(basis_u, basis_v).tocsr()
+    basis = start.grid_basis(u, v)
     u, v = 2.0 * np.pi * np.repeat(u, len(v)), np.pi * np.tile(v, len(u))
     sphere = np.column_stack([np.sin(v) * np.cos(u), np.sin(v) * np.sin(u), -np.cos(v)])
-    # Parametrized by angle, a sphere wants equal steps of latitude; the knots at the poles give others. What counts is
-    # the shape, so the target is the point of the sphere above the current surface, a few times over.
+    # The knots do not allow equal steps of latitude at the poles. As only the shape matters, the target of each sample
+    # is the radial projection of the current surface to the sphere, a few times over.
     matrix = (basis @ parametrization.matrices[0]).tocsc()
     normal_equations = sparse_linalg.splu((matrix.T @ matrix).tocsc())
     for _ in range(20):

@@ -1,7 +1,7 @@
 """Parametrizations: linear maps from degrees of freedom to control nets, P = P0 + E q.
 
-Every parametrization is one matrix per coordinate with its own degrees of freedom, so that the correlation needs one
-residual, one Jacobian (chain rule through E) and one solver for all of them.
+Every parametrization has one matrix for each coordinate, so that one cost, one Jacobian (chain rule through E) and one
+solver serve all of them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Parametrization:
     _forms: dict = field(default_factory=dict, repr=False)
 
     def at(self, surface: BSplineSurface) -> Parametrization:
-        """Count the same degrees of freedom from another surface that they reach."""
+        """Take another surface that the degrees of freedom reach as q = 0."""
         return replace(self, surface=surface)
 
     def control_net(self, q: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ class Parametrization:
     def scales(self) -> np.ndarray:
         """Root mean square displacement of the control points by one unit of each degree of freedom, (n_dof,) mm.
 
-        Brings translations (mm) and entries of R (dimensionless) to one footing in gradient descent.
+        Used in gradient descent to normalise translations (mm) and entries of R (dimensionless).
         """
         squared = np.zeros(self.n_dof)
         for matrix, index in zip(self.matrices, self.indices):
@@ -76,7 +76,7 @@ class Parametrization:
         return np.sqrt(squared)
 
     def quadratic_form(self, form: sparse.spmatrix):
-        """Take a quadratic form of the control points, the same for each coordinate, to the degrees of freedom.
+        """Convert a quadratic form of the control points, the same for each coordinate, to the degrees of freedom.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Parametrization:
         -------
         (n_dof, n_dof) csc_matrix
         """
-        # Kept for the stages of a registration, with the form, so that its id stays its own; they use few.
+        # The last four are cached for the stages of a registration, with the form, so that its id is not used again.
         if id(form) not in self._forms:
             while len(self._forms) >= 4:
                 self._forms.pop(next(iter(self._forms)))
@@ -106,7 +106,7 @@ class Parametrization:
         return total
 
     def fit(self, control_net: np.ndarray) -> np.ndarray:
-        """Degrees of freedom whose control net comes closest to the given one in least squares.
+        """Fit the degrees of freedom to a control net by least squares.
 
         Parameters
         ----------
@@ -237,7 +237,7 @@ def rigid_matrix(q: np.ndarray, center: np.ndarray) -> np.ndarray:
 
 
 def closed_organ(surface: BSplineSurface, *, closure: str = "smooth") -> Parametrization:
-    """Control points free as far as a closed organ stays closed and smooth.
+    """All displacements of the control points with which a closed organ stays closed and smooth.
 
     Parameters
     ----------
@@ -245,9 +245,9 @@ def closed_organ(surface: BSplineSurface, *, closure: str = "smooth") -> Paramet
         Closed surface with a seam in u and two poles in v, clamped knots in u.
     closure : {"smooth", "paper"}
         "smooth": the seam is as smooth as the spline itself (periodic in u, C2 for cubics), and each pole has a
-        tangent plane: its first ring is an affine image of the ring it has now, ``pole + alpha_i a + beta_i b``. Three
-        vectors move a pole and its ring. "paper": the seam points are the midpoints of their neighbours (C1), and a
-        pole is translated together with its ring.
+        tangent plane: the ring of control points next to the pole is an affine image of the present ring,
+        ``pole + alpha_i a + beta_i b``, so that three vectors move a pole and its ring. "paper": the seam points are
+        the midpoints of their neighbours (C1), and a pole is translated together with its ring.
 
     Returns
     -------
@@ -303,7 +303,7 @@ def _seam_matrix(surface: BSplineSurface, closure: str) -> sparse.csr_matrix:
 
 
 def _pole_matrix(surface: BSplineSurface, closure: str, pole: int, ring: int) -> sparse.csr_matrix:
-    """Columns that move one pole and its ring."""
+    """Columns of the matrix that move one pole and its ring."""
     n_u, n_v, _ = surface.control_net.shape
     ones = np.ones((n_u, 1))
     shift = sparse.kron(ones, _unit_column(n_v, pole) + _unit_column(n_v, ring))
@@ -324,6 +324,6 @@ def _ring_shape(surface: BSplineSurface, pole: int, ring: int) -> np.ndarray:
         )
         raise ValueError(msg)
     shape = left[:, :2] * np.sqrt(len(offsets))
-    # The seam stays closed to the last bit.
+    # Bitwise equal, so that the seam stays closed exactly.
     shape[-1] = shape[0]
     return shape

@@ -1,4 +1,4 @@
-"""Closest points of a B-spline surface: feet of the perpendiculars and signed distances."""
+"""Closest points of a B-spline surface, and signed distances."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from scipy.spatial import cKDTree
 from . import bspline
 from .surface import BSplineSurface
 
-# The samples are cut into so many blocks in u and v; each may offer a start of its own.
+# Number of blocks in u and v into which the samples are divided; each block may give one start of the iteration.
 _BLOCKS = (4, 3)
-# Least number of samples in u and in v from which the closest one is the start; every span gets at least four each way.
+# Smallest number of samples in u and v; every span has at least four in each direction.
 _SAMPLES = (80, 50)
-# How many more parts of the surface are tried where they may be closer than that of the first start.
+# Largest number of further starts, in blocks that may be closer than the first one.
 _STARTS = 4
-# Bound on the Newton steps of one point; the best point found is kept.
+# Largest number of Newton steps; the best point found is kept.
 _MOST_STEPS = 60
 
 
@@ -40,12 +40,12 @@ class Projection:
 
 
 def closest_points(surface: BSplineSurface, points: np.ndarray) -> Projection:
-    """Closest point of a surface for each of many points.
+    """Find the closest point of a surface for each of many points.
 
     Parameters
     ----------
     surface : BSplineSurface
-        Open or closed; on an open surface the closest point may lie on its rim.
+        Open or closed; on an open surface the closest point may lie on its edge.
     points : (n, 3) array_like
         RAS mm.
 
@@ -96,7 +96,7 @@ def _closest_parameters(surface: BSplineSurface, points: np.ndarray, known: _Sam
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Points of the surface with their parameters, cut into blocks of neighbours."""
+    """Samples of the surface with their parameters, divided into blocks of neighbours."""
 
     points: np.ndarray
     parameters: np.ndarray
@@ -151,7 +151,7 @@ def _further_starts(samples: _Samples, points, distances, first_block):
 
 def _descend(surface: BSplineSurface, targets, start):
     """Damped Newton iteration from given parameters: final parameters (n, 2) and squared distances (n,)."""
-    # Of few points none may have another part of the surface near enough to start from.
+    # There may be no further starts.
     if not len(targets):
         return start, np.zeros(0)
     track = _Track(surface)
@@ -171,7 +171,7 @@ def _descend(surface: BSplineSurface, targets, start):
         candidate = track.turned_at_poles(track.inside(result[active] + step), targets[active])
         candidate_local = track.derivatives(candidate)
         candidate_squared = _squared(candidate_local, targets[active])
-        # The slack is the rounding of the cost, far below what a step this side of the tolerance changes.
+        # The tolerance covers rounding of the squared distance, and is far below the effect of a step.
         better = candidate_squared <= final[active] * (1.0 + 1e-13) + track.tolerance**2
         result[active[better]] = candidate[better]
         final[active[better]] = candidate_squared[better]
@@ -185,7 +185,7 @@ def _squared(local, targets):
 
 
 class _Track:
-    """What the iteration needs to know about one surface: its domain, seams and poles."""
+    """One surface with its domain, seams and poles, for the iteration."""
 
     def __init__(self, surface: BSplineSurface) -> None:
         self.surface = surface
@@ -223,7 +223,7 @@ class _Track:
         return np.clip(np.where(self.wraps, wrapped, parameters), self.low, self.high)
 
     def turned_at_poles(self, parameters, targets):
-        """At a pole, where u does not count, u replaced by the direction that leads towards the target."""
+        """At a pole, where every u is the same point, choose the u along which v leads towards the target."""
         for v, u, slopes, place in self.poles:
             here = np.flatnonzero(parameters[:, 1] == v)
             if len(here):
@@ -234,7 +234,7 @@ class _Track:
     def step(self, parameters, local, targets, damping):
         """Newton step (n, 2) within the domain, and its length on the surface, (n,) mm.
 
-        The two unknowns are scaled to millimetres, so that damping and length mean the same near poles.
+        The two unknowns are scaled to millimetres, so that damping and length are comparable near poles.
         """
         offset = local[0] - targets
         lengths = np.linalg.norm(local[1:3], axis=2).T

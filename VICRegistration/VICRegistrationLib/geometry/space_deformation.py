@@ -1,4 +1,4 @@
-"""Smooth deformations of space by radial basis functions, which take a surface through points without folding it."""
+"""Smooth deformations of space by radial basis functions, to move a surface through points without folding it."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .parametrization import Parametrization
 from .projection import closest_points
 from .surface import BSplineSurface
 
-# The steepest slope of Wendland's function of radius 1. A displacement by less than radius / slope does not fold space.
+# Steepest slope of Wendland's function of radius 1. A displacement by less than radius / slope does not fold space.
 _STEEPEST = 2.11
-# Slope of the displacement in one step of a deformation: far from 1, where space folds.
+# Largest slope of the displacement in one step of a deformation: far below 1, where space folds.
 _STEP_SLOPE = 0.25
-# Points whose nearest places on the surface are closer than the first, mm, and between which the wall would be steeper
-# than the second, contradict each other: one normal meets the wall once. Farther apart, a step of the wall can pass
-# both: without the first, two of seven bladders with up to 16 points leave some by 6 mm. With half of it nothing
-# changes there, with twice of it one point is left by 2 mm.
+# Two points contradict each other if their feet on the surface are closer than the first, mm, and the wall between them
+# would be steeper than the second, because a normal meets the wall only once. If the feet are farther apart, a step of
+# the wall can pass both: without the first limit, two of seven bladders with up to 16 points miss some by 6 mm. With
+# half of it nothing changes there, with twice of it one point is missed by 2 mm.
 _ONE_NORMAL, _STEEPEST_WALL = 0.5, 3.0
-# Nearer to each other than this, mm, they are one: nobody clicks twice as exactly.
+# Points closer to each other than this, mm, are one point, clicked twice.
 _SAME = 0.1
-# Share of a displacement that a step leaves, so that places close together do not make the equations singular; with a
-# tenth of it the surface comes as near to the points.
+# Regularisation: about the share of a displacement that a step leaves, so that feet close together do not make the
+# equations singular; with a tenth of it the surface comes as near to the points.
 _LEFT = 1e-3
 
 
@@ -56,10 +56,10 @@ def wendland(distances: np.ndarray, radius: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CardinalDeformation:
-    """A deformation of space whose degrees of freedom are the displacements of its centres.
+    """A deformation of space x + sum_i E_i(x) q_i, whose degrees of freedom q_i are the displacements of its centres.
 
-    x + sum_i E_i(x) q_i, where the functions E_i are made of Wendland's at all centres and an affine part: E_i is 1 at
-    its own centre, 0 at the others, and together they reproduce every affine map.
+    The cardinal functions E_i are combinations of Wendland's functions at all centres and an affine part: E_i is 1 at
+    its own centre and 0 at the others, and together they reproduce every affine map.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class CardinalDeformation:
         Returns
         -------
         (m, n) ndarray
-            Times displacements of the centres, (n, 3) mm, it gives those of the points.
+            Its product with displacements of the centres, (n, 3) mm, gives those of the points.
         """
         return self._terms(points) @ self._coefficients
 
@@ -95,7 +95,7 @@ class CardinalDeformation:
 
     @cached_property
     def _coefficients(self) -> np.ndarray:
-        """What the terms are multiplied with in each function, (n + 4, n)."""
+        """Coefficients of the terms in each function, (n + 4, n)."""
         n = len(self.centers)
         terms = self._terms(self.centers)
         system = np.zeros((n + 4, n + 4))
@@ -113,19 +113,19 @@ def deformed_through(closed: Parametrization, points: np.ndarray, radius: float)
     points : (n, 3) ndarray
         At least one, in the surface's frame, mm.
     radius : float
-        How far around a point space is moved, mm.
+        Radius around a point within which space is moved, mm.
 
     Returns
     -------
     BSplineSurface
-        With the same net. It passes the points nearly: what its net cannot follow is left.
+        With the same net. It passes the points as nearly as this net allows.
 
     Notes
     -----
-    The deformation is made of small steps, each an interpolation of displacements from the places of the surface that
-    are nearest to the points now. Points that contradict each other now count by their mean: those of a lobe that is
-    missed have one nearest place before the surface has come into it. A composition of maps that do not fold space does
-    not fold it.
+    The deformation consists of small steps that do not fold space; neither does their composition. Each step
+    interpolates displacements of the feet, the present places of the surface nearest to the points. In each step,
+    points that contradict each other are replaced by their mean: the points in a lobe that the surface has not reached
+    may have the same foot at first, and different ones later.
     """
     surface = closed.surface
     farthest = np.abs(closest_points(surface, points).distances).max()
@@ -142,7 +142,7 @@ def agreeing(surface: BSplineSurface, points: np.ndarray) -> np.ndarray:
     ----------
     surface : BSplineSurface
     points : (n, 3) ndarray
-        Beside the surface, in its frame, mm.
+        In the frame of the surface, mm.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def agreeing(surface: BSplineSurface, points: np.ndarray) -> np.ndarray:
 
 
 def _moved(closed: Parametrization, points: np.ndarray, radius: float, share: float) -> BSplineSurface:
-    """Move a surface by a share of its way to the points."""
+    """Move a surface by a share of its distance to the points."""
     points = agreeing(closed.surface, points)
     feet = closest_points(closed.surface, points).points
     kernel = wendland(cdist(feet, feet), radius) + _LEFT * np.eye(len(feet))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 
 from ..surface_formats import writer_of
 from . import bspline
@@ -131,7 +132,7 @@ class BSplineSurface:
         >>> ball.closest_points([[20, 0, 0], [0, 12, 0]]).distances.round(1)
         array([ 4., -4.])
         """
-        # It stands on surfaces, so that it cannot be imported before this class is there.
+        # projection.py imports this class.
         from .projection import closest_points
 
         return closest_points(self, points)
@@ -143,11 +144,11 @@ class BSplineSurface:
         ----------
         path : path
             Its ending chooses the format: .json (all control points), .step or .stp (an exact solid, for CAD), .vtp
-            (triangles with all control points inside), .stl or .ply (triangles). Its folder must exist.
+            (triangles that carry the control points), .stl or .ply (triangles). Its folder must exist.
         name : str
             Name of the organ; that of the file if not given.
         **choices
-            Of the format: ``chord_error`` in mm for triangles, ``faces`` for STEP.
+            Options of the format: ``chord_error`` in mm for triangles, ``faces`` for STEP.
 
         Raises
         ------
@@ -170,7 +171,7 @@ class BSplineSurface:
         writer_of(path)(self, path, name=name or Path(path).stem, **choices)
 
     def with_control_net(self, control_net: np.ndarray) -> BSplineSurface:
-        """Put the same degrees and knots over another control net, (n_u, n_v, 3) RAS mm."""
+        """Copy with another control net, (n_u, n_v, 3) RAS mm."""
         return replace(self, control_net=control_net)
 
     def transformed(self, matrix: np.ndarray) -> BSplineSurface:
@@ -179,7 +180,7 @@ class BSplineSurface:
         return self.with_control_net(self.control_net @ matrix[:3, :3].T + matrix[:3, 3])
 
     def turned(self) -> BSplineSurface:
-        """Let u run the other way: the same surface with its normals on the other side."""
+        """Reverse u: the same surface with opposite normals."""
         low, high = self.domain[0]
         return replace(self, knots_u=(low + high) - self.knots_u[::-1], control_net=self.control_net[::-1])
 
@@ -198,7 +199,7 @@ class BSplineSurface:
         per_span, least : int
             Least number of steps in a span, and in all.
         middles : bool
-            Whether to take the middles of the steps, which lie on no knot, or their ends, the last one included.
+            Whether to return the middles of the steps, which lie on no knot, or all ends of steps.
 
         Returns
         -------
@@ -210,26 +211,39 @@ class BSplineSurface:
         inner = (limits[:-1, None] + np.diff(limits)[:, None] * fractions).ravel()
         return inner if middles else np.append(inner, limits[-1])
 
+    def midpoint_axes(self, n_u: int, n_v: int) -> tuple[np.ndarray, np.ndarray]:
+        """Midpoints of n_u and n_v equal intervals of the parameters, (n_u,) and (n_v,), off the poles and the seam."""
+        counts = zip(self.domain, (n_u, n_v))
+        return tuple(low + (high - low) * (np.arange(count) + 0.5) / count for (low, high), count in counts)
+
     def midpoints(self, n_u: int, n_v: int) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters in the middles of equal intervals, so that neither poles nor seam are hit.
-
-        Parameters
-        ----------
-        n_u, n_v : int
-            Number of intervals.
-
-        Returns
-        -------
-        u, v : (n_u * n_v,) ndarray
-            All pairs of them.
-        """
-        axes = [
-            low + (high - low) * (np.arange(count) + 0.5) / count for (low, high), count in zip(self.domain, (n_u, n_v))
-        ]
-        u, v = np.meshgrid(*axes, indexing="ij")
+        """All pairs of :meth:`midpoint_axes`: u and v, each (n_u * n_v,)."""
+        u, v = np.meshgrid(*self.midpoint_axes(n_u, n_v), indexing="ij")
         return u.ravel(), v.ravel()
 
     # ------------------------------------------------------------------ evaluation
+
+    def grid_basis(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> sparse.csr_matrix:
+        """Basis functions, or a partial derivative, on the grid of all pairs of parameters.
+
+        Parameters
+        ----------
+        u, v, du, dv
+            As in :meth:`grid`.
+
+        Returns
+        -------
+        (m_u * m_v, n_u * n_v) csr_matrix
+            Its product with the control points gives the points of :meth:`grid`, u-major.
+
+        Raises
+        ------
+        ValueError
+            If a parameter lies outside the domain.
+        """
+        along_u = bspline.collocation(self.degrees[0], self.knots_u, u, du)
+        along_v = bspline.collocation(self.degrees[1], self.knots_v, v, dv)
+        return sparse.kron(along_u, along_v, format="csr")
 
     def grid(self, u: np.ndarray, v: np.ndarray, *, du: int = 0, dv: int = 0) -> np.ndarray:
         """Points, or a partial derivative, on the grid of all pairs of parameters.
@@ -286,7 +300,7 @@ class BSplineSurface:
         return np.einsum("na,nb,nabk->nk", values_u, values_v, self.control_net[i, j])
 
     def area_vectors(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Work out S_u x S_v at pairs of parameters: along the normal, as long as the area per unit of u and v.
+        """Compute S_u x S_v at pairs of parameters: along the normal, with the area per unit of u and v as length.
 
         Parameters
         ----------
@@ -301,7 +315,7 @@ class BSplineSurface:
         return np.cross(self.points(u, v, du=1), self.points(u, v, dv=1))
 
     def grid_area_vectors(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Work out S_u x S_v on the grid of all pairs of parameters, as :meth:`area_vectors` does for pairs.
+        """Compute S_u x S_v on the grid of all pairs of parameters, as :meth:`area_vectors` does for pairs.
 
         Parameters
         ----------
@@ -352,7 +366,7 @@ class BSplineSurface:
         cross = np.cross(du, dv)
         flat = np.linalg.norm(du, axis=1) <= 1e-7 * self.size
         if flat.any():
-            # Where S_u vanishes, S_u x S_v grows with the distance from the pole as S_uv x S_v.
+            # At a pole, where S_u vanishes, the normal is the limit of S_u x S_v, parallel to S_uv x S_v.
             mixed = np.cross(self.points(u[flat], v[flat], du=1, dv=1), dv[flat])
             at_end = v[flat] > np.mean(self.domain[1])
             cross[flat] = np.where(at_end[:, None], -mixed, mixed)
@@ -444,13 +458,13 @@ class BSplineSurface:
         if not self.closed:
             msg = "The surface is open; a volume needs a closed surface (a seam and two poles, or two seams)."
             raise ValueError(msg)
-        # About the net's centre, so that a surface far from the origin loses no digits.
+        # Relative to the net's centre, so that a surface far from the origin loses no digits.
         return self.cone_volume(self.control_net.mean(axis=(0, 1)))
 
     def cone_volume(self, apex: np.ndarray) -> float:
         """Volume between a point and the surface, mm^3; positive where the normals point away from the point.
 
-        Those of the patches of a closed surface add up to its volume, wherever the point is.
+        The values of the patches of a closed surface add up to its volume, for any point.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Surfaces as JSON files that lose no bit.
+"""Surfaces as JSON files, without loss of precision.
 
 Schema ``vic-registration/surface``, version 1, one object with the keys
 
@@ -16,7 +16,7 @@ Schema ``vic-registration/surface``, version 1, one object with the keys
 ``control_net`` n_u rows of n_v points [r, a, s]; ``control_net[i][j]`` is the control point p_ij
 =============== ========================================================================================
 
-Numbers are written with as many digits as bring the same double back. Other keys are ignored.
+Numbers have enough digits to restore the same double. Other keys are ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _KEYS = ("frame", "unit", *_TEXTS, "degrees", "knots_u", "knots_v", "control_net
 
 @dataclass(frozen=True, eq=False)
 class SurfaceRecord:
-    """What a surface file holds.
+    """Content of a surface file.
 
     Parameters
     ----------
@@ -90,8 +90,7 @@ def write_surface(
         "knots_v": surface.knots_v.tolist(),
         "control_net": surface.control_net.tolist(),
     }
-    text = json_text(content)
-    write_text(path, text)
+    write_text(path, json_text(content))
 
 
 def read_surface(path: str | os.PathLike) -> BSplineSurface:
@@ -149,7 +148,7 @@ def read_surface_record(path: str | os.PathLike) -> SurfaceRecord:
 
 
 def _surface_of(content: dict, path: Path) -> BSplineSurface:
-    """Build the surface below a checked header; every complaint names the file."""
+    """Make the surface from the content of a file with a checked header; every error names the file."""
     rows = content["control_net"]
     if not (_is_list_of(rows, list) and rows and all(_is_list_of(row, list) for row in rows)):
         msg = f"The control net of {path} is not made of rows of points [r, a, s]; give n_u rows of n_v points."

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def area_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Work out the normals of triangles, as long as their areas.
+    """Compute the normals of triangles, with their areas as lengths.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def area_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def enclosed_volume(points: np.ndarray, triangles: np.ndarray) -> float:
-    """Volume inside of closed triangles.
+    """Volume inside of a closed mesh of triangles.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ def enclosed_volume(points: np.ndarray, triangles: np.ndarray) -> float:
     Returns
     -------
     float
-        mm^3; negative if they are inside out.
+        mm^3; negative if the mesh is inside out.
     """
-    # About their centre, so that a mesh far from the origin loses no digits.
+    # Relative to the centre, so that a mesh far from the origin loses no digits.
     first, second, third = (points[triangles[:, corner]] - points.mean(axis=0) for corner in range(3))
     return float(np.einsum("nk,nk->", first, np.cross(second, third)) / 6.0)

@@ -33,7 +33,7 @@ class TriangleMesh:
 
 
 def resolution_for_chord_error(surface: BSplineSurface, chord_error: float) -> tuple[int, int]:
-    """Count the intervals in u and v that keep triangles within a distance of the surface.
+    """Choose the numbers of intervals in u and v for a chord error.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ def triangulate(
 def triangulate_volume(surface: BSplineSurface, *, chord_error: float) -> TriangleMesh:
     """Triangulate a closed surface so that the triangles enclose as much as it does.
 
-    Triangles with their corners on a convex surface lie inside of it, two thirds of the chord error or less. Here all
-    corners are moved outward by one distance, that of the lacking volume over the area.
+    Triangles with their corners on a convex surface lie inside of it, by up to two thirds of the chord error. Here all
+    corners are moved outward by the same distance, the missing volume divided by the area.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def triangulate_volume(surface: BSplineSurface, *, chord_error: float) -> Triang
     Returns
     -------
     TriangleMesh
-        Its points lie beside the surface, its parameters and normals are those of the surface.
+        Its points lie slightly off the surface; its parameters and normals are those of the surface.
 
     Raises
     ------

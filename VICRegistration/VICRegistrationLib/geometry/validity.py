@@ -1,4 +1,4 @@
-"""Validity of a surface as the boundary of a solid: poles, normals, self-intersection."""
+"""Checks whether a surface bounds a solid: poles, normals, self-intersection."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from . import bspline
 from .surface import BSplineSurface
 from .triangulation import triangulate
 
-# Samples of the normals in u and in v at least: some six degrees of the turn around an organ each.
+# Smallest number of samples of the normals in u and v, about six degrees around an organ.
 _LEAST_SAMPLES = (64, 40)
-# No body lies farther from the origin: 100 m.
+# No body lies farther from the origin than 100 m.
 _FARTHEST_MM = 1e5
 
 
@@ -28,9 +28,9 @@ class Problem:
     diagnostic : Diagnostic
         What is wrong, and where.
     remedy : str
-        What a caller with the control net at hand can do, as a sentence.
+        What a caller who has the control net can do, as a sentence.
     parameters : (u, v)
-        Where on the surface.
+        Place on the surface.
     point : (r, a, s)
         The same place, RAS mm.
     """
@@ -48,7 +48,7 @@ class Problem:
 
 
 def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tuple[Problem, ...]:
-    """Look for everything that keeps a surface from bounding a solid.
+    """Find the reasons why a surface does not bound a solid.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tu
     Returns
     -------
     tuple of Problem
-        Empty for a valid surface; otherwise one place of each kind, and each folded pole. A fold brings
-        flipped normals and intersections with it, so normals are judged only where no pole is folded, and
-        intersections are looked for only where no normal is flipped.
+        Empty for a valid surface; otherwise one place of each kind, and each folded pole. A folded pole also has
+        flipped normals, and a flipped normal causes intersections; so normals are checked only if no pole is folded,
+        and intersections only if no normal is flipped.
 
     Notes
     -----
-    Poles and normals are judged on samples of the exact surface, intersections on a triangulation that is
-    made twice as fine to confirm them. Faults smaller than the spacing of the samples (about 1/50 of the way
-    around) may be missed.
+    Poles and normals are checked on samples of the exact surface, intersections on a triangulation, and confirmed on
+    one that is twice as fine. Faults smaller than the spacing of the samples (about 1/50 of the circumference) may be
+    missed.
     """
     problems = []
     if require_closed and not surface.closed:
@@ -81,7 +81,7 @@ def check_surface(surface: BSplineSurface, *, require_closed: bool = True) -> tu
 
 
 def check_place(surface: BSplineSurface) -> None:
-    """Refuse a surface where no body is: it is in another unit, or its numbers are spoilt.
+    """Refuse a surface too far from the origin: it is in another unit, or its numbers are corrupt.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def validate(surface: BSplineSurface, *, require_closed: bool = True) -> None:
 def _problem(
     surface: BSplineSurface, kind: str, code: str, u: float, v: float, remedy: str, **values: float
 ) -> Problem:
-    """Build a problem at a place."""
+    """Make a problem at a place of the surface."""
     r, a, s = (float(x) for x in surface.points([u], [v])[0])
     u, v = float(u), float(v)
     diagnostic = Diagnostic(code, {"r": r, "a": a, "s": s, "u": u, "v": v, **values})
@@ -130,7 +130,7 @@ def _problem(
 
 
 def _open_problem(surface: BSplineSurface) -> Problem:
-    """Say which edge is open, at the middle of that edge."""
+    """Report the edge that is open, at its middle."""
     (u_low, u_high), (v_low, v_high) = surface.domain
     remedy = "A solid needs a seam and two poles, so start from a closed generic model."
     if not surface.closed_u:
@@ -143,7 +143,7 @@ def _open_problem(surface: BSplineSurface) -> Problem:
 
 
 def _pole_problem(surface: BSplineSurface, end: int) -> Problem | None:
-    """Judge a pole by the directions in which the surface leaves it: once round it, always forward."""
+    """Check that the directions in which the surface leaves a pole turn once around it, always forward."""
     v = surface.domain[1][end]
     u = surface.span_steps(0, per_span=4, least=16 * surface.control_net.shape[0])
     leaving = surface.grid(u, [v], dv=1)[:, 0] * (1.0, -1.0)[end]
@@ -159,7 +159,7 @@ def _pole_problem(surface: BSplineSurface, end: int) -> Problem | None:
 
 
 def _faulty_turn(offsets: np.ndarray) -> int | None:
-    """Find the least forward turn of offsets (n, 3) that shall go round once; None if they do."""
+    """Return the place of the smallest turn of offsets (n, 3) that do not turn once around; None if they do."""
     size = np.linalg.norm(offsets, axis=1)
     _, singular, axes = np.linalg.svd(offsets, full_matrices=False)
     if size.min() <= 1e-6 * size.max() or singular[1] <= 1e-6 * singular[0]:
@@ -177,7 +177,7 @@ def _faulty_turn(offsets: np.ndarray) -> int | None:
 
 
 def _normal_problem(surface: BSplineSurface) -> Problem | None:
-    """Look for places where S_u x S_v vanishes or turns over, then for a surface that is inside out."""
+    """Look for places where S_u x S_v vanishes or flips, then for a surface that is inside out."""
     u, v = (
         surface.span_steps(axis, per_span=4, least=least, middles=True) for axis, least in enumerate(_LEAST_SAMPLES)
     )
@@ -198,13 +198,13 @@ def _normal_problem(surface: BSplineSurface) -> Problem | None:
 
 
 def _overturned(surface: BSplineSurface, u, v, normals) -> tuple[float, float] | None:
-    """Find where neighbouring normals point to opposite sides however close the neighbours are."""
+    """Find a place where neighbouring normals point to opposite sides, also on a finer sampling."""
     suspects = []
     for axis, values in ((0, u), (1, v)):
         knots, degree = surface.knots[axis], surface.degrees[axis]
         first, second = np.moveaxis(normals, axis, 0)[:-1], np.moveaxis(normals, axis, 0)[1:]
         between = np.searchsorted(knots, values[1:]) - np.searchsorted(knots, values[:-1])
-        # An edge where the surface is only continuous may be sharp, but not folded flat.
+        # At a crease, where the surface is only continuous, it may be sharp, but not folded flat.
         limit = np.where(between >= degree, -0.99, 0.0)[:, None]
         turned = np.einsum("ijk,ijk->ij", first, second) < limit
         i, j = np.nonzero(turned)
@@ -226,7 +226,7 @@ def _overturned(surface: BSplineSurface, u, v, normals) -> tuple[float, float] |
 
 
 def _intersection_problem(surface: BSplineSurface) -> Problem | None:
-    """Look for triangles that cross without being neighbours."""
+    """Look for triangles that cross and are not neighbours."""
     resolution = _even_resolution(surface)
     mesh = triangulate(surface, resolution=resolution)
     if surface.closed and _is_star(mesh.points, mesh.triangles):
@@ -236,7 +236,7 @@ def _intersection_problem(surface: BSplineSurface) -> Problem | None:
         return None
     corners = mesh.points[mesh.triangles[pairs]].reshape(-1, 3)
     mesh = triangulate(surface, resolution=tuple(2 * number for number in resolution))
-    # Only the surroundings of what was found are looked at more finely.
+    # Confirmed with finer triangles around the crossing ones only.
     margin = np.ptp(corners[:3], axis=0).max()
     inside = (mesh.points >= corners.min(axis=0) - margin) & (mesh.points <= corners.max(axis=0) + margin)
     triangles = mesh.triangles[inside.all(axis=1)[mesh.triangles].any(axis=1)]
@@ -260,12 +260,12 @@ def _even_resolution(surface: BSplineSurface) -> tuple[int, int]:
 
 
 def _is_star(points: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether rays from the middle of a closed mesh meet it just once, so that none of its triangles cross."""
+    """Whether every ray from the centre of a closed mesh meets it once, so that no triangles cross."""
     corners = (points - points.mean(axis=0))[triangles].transpose(1, 0, 2)
     volumes = np.einsum("nk,nk->n", corners[0], np.cross(corners[1], corners[2]))
     if not volumes.min() > 1e-12 * volumes.max():
         return False
-    # Solid angles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30:125, 1983) that cover the sphere once.
+    # The solid angles (van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30:125, 1983) must cover the sphere once.
     a, b, c = np.linalg.norm(corners, axis=2)
     ab, bc, ca = (np.einsum("nk,nk->n", corners[i], corners[j]) for i, j in ((0, 1), (1, 2), (2, 0)))
     angles = 2.0 * np.arctan2(volumes, a * b * c + ab * c + bc * a + ca * b)
@@ -283,7 +283,7 @@ def crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     Returns
     -------
     (m, 2) ndarray of int
-        Pairs of them; those that have a vertex in common touch, and do not count.
+        Pairs of triangles without a common vertex.
     """
     corners = points[triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -297,7 +297,7 @@ def crossing_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     shared = (triangles[a][:, :, None] == triangles[b][:, None, :]).any(axis=(1, 2))
     a, b = a[~shared], b[~shared]
     crossing = np.zeros(len(a), dtype=bool)
-    # Either triangle lies on one side of the other's plane for nearly all pairs.
+    # A fast test first: in nearly all pairs one triangle lies on one side of the other's plane.
     both = _straddles(corners[a], corners[b]) & _straddles(corners[b], corners[a])
     near = np.flatnonzero(both)
     crossing[near] = _edges_cross(corners[a[near]], corners[b[near]])

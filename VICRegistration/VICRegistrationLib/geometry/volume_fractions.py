@@ -1,4 +1,4 @@
-"""Share of each voxel that lies inside a closed mesh, and the samples of a box that do."""
+"""Share of each voxel that lies inside a closed mesh, by VTK's stencil; and boxes of cells to measure volumes with."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def volume_fractions(
 ) -> np.ndarray:
     """Fraction of every voxel that lies inside a closed surface.
 
-    Each voxel is cut into equal parts and the centres of the parts are tested, so a voxel is a box of full
-    slice thickness: the slice profile is rectangular. Only the grid around the surface is worked on.
+    Each voxel is divided into equal parts whose centres are tested. So the slice profile is rectangular, with the full
+    slice thickness.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def volume_fractions(
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Box in any direction.
+    """Box with any orientation.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def _stencil_slabs(
 ) -> Iterator[np.ndarray]:
     """Yield, slice by slice, the sub-voxels inside a mesh: (sk, nj * sj, ni * si) arrays of 0 and 1.
 
-    The points are in sub-voxel indices. Slice by slice, because all the sub-voxels of a large image would not fit
-    into memory. The arrays are views that the next step overwrites.
+    The points are in sub-voxel indices. All sub-voxels of a large image together would not fit into memory. The arrays
+    are views that the next step overwrites.
     """
     width, height, _ = size * parts
     stencil = vtkPolyDataToImageStencil()
@@ -131,7 +131,7 @@ def _stencil_slabs(
     stencil.SetInputData(mesh)
     for k in range(int(size[2])):
         first, last = k * depth, (k + 1) * depth - 1
-        # The stencil looks at every triangle for every plane that it cuts.
+        # Only the triangles at this slice, because the stencil tests all of them for every plane.
         mesh.SetPolys(cell_array(triangles[(low <= last + 1) & (high >= first - 1)]))
         stencil.SetOutputWholeExtent(0, int(width) - 1, 0, int(height) - 1, first, last)
         to_image.Update()

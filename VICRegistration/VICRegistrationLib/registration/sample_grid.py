@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
-from ..geometry import bspline
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
 
@@ -62,19 +61,12 @@ class SampleGrid:
         -------
         SampleGrid
         """
-        axes, one_way = [], []
-        shares = [(np.arange(n) + 0.5) / n for n in shape]
+        axes = surface.midpoint_axes(*shape)
         if between:
-            shares = [np.arange(shape[0]) / shape[0], np.arange(1, shape[1]) / shape[1]]
-        for degree, knots, share in zip(surface.degrees, surface.knots, shares):
-            low, high = bspline.domain(degree, knots)
-            x = low + (high - low) * share
-            axes.append(x)
-            one_way.append([bspline.collocation(degree, knots, x, derivative) for derivative in (0, 1)])
-        along_u, along_v = one_way
-        orders = ((0, 0), (1, 0), (0, 1))
-        bases = tuple(sparse.kron(along_u[du], along_v[dv], format="csr") for du, dv in orders)
-        return cls(tuple(map(len, shares)), tuple(axes), bases)
+            shares = np.arange(shape[0]) / shape[0], np.arange(1, shape[1]) / shape[1]
+            axes = tuple(low + (high - low) * share for (low, high), share in zip(surface.domain, shares))
+        bases = tuple(surface.grid_basis(*axes, du=du, dv=dv) for du, dv in ((0, 0), (1, 0), (0, 1)))
+        return cls(tuple(map(len, axes)), axes, bases)
 
     def motion(self, matrix: sparse.csr_matrix, *, dense: bool):
         """Displacement of S, S_u and S_v at the samples by a coordinate's degrees of freedom, three (n, n_k) matrices.
