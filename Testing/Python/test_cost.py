@@ -29,14 +29,11 @@ def organ(closure="smooth", net=(9, 7)):
 
 PARAMETRIZATIONS = {
     "affine": lambda: affine(organ()),
-    "scaling": lambda: affine(organ(), free="scaling", center=np.zeros(3)),
     "translation": lambda: affine(organ(), free="translation"),
-    "linear, paper's net": lambda: affine(organ("paper"), free="linear"),
     "four of the twelve": lambda: affine(organ(), free=("T2", "R01", "R11", "R20")),
     "affine bell": lambda: affine(models.bell(30.0)),
     "smooth organ": lambda: closed_organ(organ()),
     "paper's organ": lambda: closed_organ(organ("paper"), closure="paper"),
-    "smooth organ, 11 x 8": lambda: closed_organ(organ(net=(11, 8))),
 }
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from reorientation import ORIENTATIONS, motion, reordered
@@ -23,14 +21,8 @@ CLOSE_MM = 1e-6
 SEEDS = CENTER[None]
 # Cheaper than the finer net that this organ gets by default.
 NET = FitOptions(net=(9, 7))
-TURNS = [
-    motion(5.0, (1, 0, 0)),
-    motion(40.0, (1, 2, -1), (10, 0, 0)),
-    motion(45.0, (0, 1, 0)),
-    motion(93.7, (0, 0, 1), (0, 50, 0)),
-    motion(137.0, (3, -1, 2), (500, -800, 1200)),
-    motion(180.0, (1, 1, 0)),
-]
+# Axes of the world and axes between them, and a shift far away.
+TURNS = [motion(93.7, (0, 0, 1), (0, 50, 0)), motion(137.0, (3, -1, 2), (500, -800, 1200))]
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +47,8 @@ def difference(found, expected):
     return np.abs(found.control_net - expected.control_net).max()
 
 
-def test_both_hands_and_all_orders_are_tried(image):
-    hands = [np.sign(np.linalg.det(reordered(image, *way).ijk_to_ras[:3, :3])) for way in ORIENTATIONS]
-    assert set(hands) == {-1.0, 1.0}
-    assert {flips for _, flips in ORIENTATIONS} == set(itertools.product((False, True), repeat=3))
-
-
-# Every order of the axes is with one of the turns; in test_separation all orientations give the same voxels.
-@pytest.mark.parametrize(
-    ("matrix", "way"), [*((np.eye(4), way) for way in ORIENTATIONS[1::4]), *zip(TURNS, ORIENTATIONS[::2])]
-)
+# In test_separation all orientations in memory give the same voxels.
+@pytest.mark.parametrize(("matrix", "way"), list(zip([np.eye(4), *TURNS], ORIENTATIONS[5::3])))
 def test_a_volume_turned_in_the_world_and_in_memory_gives_the_turned_surface(image, surface, matrix, way):
     found = finish(fit_organ(*moved(image, SEEDS, matrix, way), NET)).surface
     expected = surface.transformed(matrix)
@@ -73,11 +57,10 @@ def test_a_volume_turned_in_the_world_and_in_memory_gives_the_turned_surface(ima
     assert np.abs(closest_points(expected, points_on(found, 300)).distances).max() < 0.02
 
 
-@pytest.mark.parametrize(("organ", "number"), [("bladder", 1), ("vagina", 4), ("rectum", 5)])
-def test_the_demo_s_organs_elsewhere_have_the_same_surfaces_by_default(pelvis, pelvis_fit, organ, number):
-    image, seeds = moved(pelvis.image, pelvis.seeds[organ], TURNS[number], ORIENTATIONS[2 * number])
+def test_an_organ_of_the_demo_elsewhere_has_the_same_surface_by_default(pelvis, pelvis_fit):
+    image, seeds = moved(pelvis.image, pelvis.seeds["rectum"], TURNS[1], ORIENTATIONS[8])
     found = finish(fit_organ(image, seeds)).surface
-    assert difference(found, pelvis_fit(organ).surface.transformed(TURNS[number])) < CLOSE_MM
+    assert difference(found, pelvis_fit("rectum").surface.transformed(TURNS[1])) < CLOSE_MM
 
 
 @pytest.mark.parametrize(

@@ -193,20 +193,17 @@ def test_a_surface_out_of_the_volume_stays_where_it_is(bright_ball, solver):
 # ------------------------------------------------------------------ reflections
 
 
-@pytest.mark.parametrize("free", [("R00",), "scaling", "linear"])
-@pytest.mark.parametrize("squeezed", [0.05, 0.5])
-def test_a_nearly_mirrored_start_comes_back_unmirrored(bright_ball, solver, squeezed, free):
-    start = models.closed_organ(axes=np.diag([squeezed * RADIUS, RADIUS, RADIUS]))
-    objective = objective_of(bright_ball, affine(start, free=free, center=np.zeros(3)))
+def test_a_nearly_mirrored_start_comes_back_unmirrored(bright_ball, solver):
+    start = models.closed_organ(axes=np.diag([0.05 * RADIUS, RADIUS, RADIUS]))
+    objective = objective_of(bright_ball, affine(start, free="linear", center=np.zeros(3)))
     for iterate in run(solver, objective, 60, largest_step=60.0):
-        assert np.linalg.det(affine_matrix(iterate.q, free=free)[:3, :3]) > 0.0
+        assert np.linalg.det(affine_matrix(iterate.q, free="linear")[:3, :3]) > 0.0
     assert objective.costs[0].parametrization.deform(iterate.q).volume() == pytest.approx(
         4.0 / 3.0 * np.pi * RADIUS**3, rel=0.03
     )
 
 
-@pytest.mark.parametrize("free", [("R00",), "scaling", "linear"])
-@pytest.mark.parametrize("squeezed", [0.05, 0.5])
+@pytest.mark.parametrize(("squeezed", "free"), [(0.05, ("R00",)), (0.5, "linear")])
 def test_even_an_image_that_asks_for_a_reflection_does_not_get_it(solver, squeezed, free):
     # Dark ball, bright virtual image: only the ball turned inside out would fit.
     sampler = Sampler(ball_image(level=0.0, around=1.0))
