@@ -103,9 +103,9 @@ def test_seeds_in_a_lumen_lie_deep_and_are_always_the_same(image):
     assert ((voxels > [2, 5, 5]) & (voxels < np.array(mask.shape) - [3, 6, 6])).all()
 
 
-def test_sureness_counts_area_within_two_deviations():
+def test_the_calibration_counts_area_within_two_deviations():
     areas = np.array([0.5, 0.3, 0.2])
-    one = confidence.Sureness("bladder", 0.05, np.array([0.1, -0.3, 0.9]), np.array([0.1, 0.2, 0.4]), areas, -1.0)
+    one = confidence.Calibration("bladder", 0.05, np.array([0.1, -0.3, 0.9]), np.array([0.1, 0.2, 0.4]), areas, -1.0)
     assert one.covered == pytest.approx(0.8)
     # 95 % needs the third point too, three quarters of the way up from the second.
     assert confidence.widening([one]) == pytest.approx((1.5 + 0.75 * 0.75) / 2.0)

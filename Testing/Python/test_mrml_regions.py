@@ -29,7 +29,7 @@ def separated(slicer_module):
 ORDERS = list(itertools.product(itertools.permutations(range(3)), [(False,) * 3, (True, False, False), (True,) * 3]))
 
 
-@pytest.mark.parametrize(("order", "flips"), ORDERS[::2])
+@pytest.mark.parametrize(("order", "flips"), ORDERS[1::4])
 def test_the_segment_shows_the_voxels_of_the_region_on_every_grid(logic, separated, order, flips):
     matrix = motion(40, (1, 2, -1), (10, -5, 3))
     image = mrml_scenes.oblique(reordered(mrml_scenes.mri(), order, flips), matrix)

@@ -58,13 +58,10 @@ def apart(surface, other):
     "options",
     [
         {},
-        {"closure": "paper"},
-        {"net": (17, 13)},
         {"net": (12, 9), "closure": "paper"},
         {"solver": "gradient-descent"},
         {"levels": "organ"},
         {"levels": "given", "inside": 800.0, "outside": 100.0},
-        {"tau": 3.6},
         {"tau": 1.8},
         {"threshold": (500.0, 2000.0), "erosion": 3.0},
         {"smoothness": 1e-4},
@@ -141,8 +138,8 @@ def test_the_dilation_may_differ_from_the_erosion(image):
         fitted(image, dilation=-1.0)
 
 
-@pytest.mark.parametrize("tau", [3.0, 3.6])
-def test_the_published_profile_shifts_the_contour_inward_by_about_half_the_ramp(image, tau):
+def test_the_published_profile_shifts_the_contour_inward_by_about_half_the_ramp(image):
+    tau = 3.6
     centred, published = (
         deviation(fitted(image, net=(9, 7), tau=tau, profile=profile).surface, ellipsoid(), n_points=1000)
         for profile in ("centered", "paper")
@@ -151,7 +148,7 @@ def test_the_published_profile_shifts_the_contour_inward_by_about_half_the_ramp(
     assert -0.65 * tau < published.mean_signed - centred.mean_signed < -0.45 * tau
 
 
-@pytest.mark.parametrize(("factor", "offset"), [(2.5, -300.0), (0.01, 7.0), (-1.0, 0.0), (-3.0, 5000.0)])
+@pytest.mark.parametrize(("factor", "offset"), [(0.01, -300.0), (-3.0, 5000.0)])
 def test_the_surface_does_not_depend_on_the_scale_of_the_grey_levels(image, fit, factor, offset):
     found = finish(fit_region(Image(factor * image.array + offset, image.ijk_to_ras), fit.region))
     # Only rounding differs.
@@ -250,19 +247,17 @@ def test_nothing_happens_before_the_first_step(image):
 
 
 @pytest.mark.parametrize(
-    ("start", "stop", "faces", "net"),
+    ("start", "stop", "faces"),
     [
-        ((0, 0, 0), (14, 56, 52), {"k+"}, None),
-        ((0, 0, 0), (11, 56, 52), {"k+"}, (9, 7)),
-        ((0, 0, 0), (11, 56, 52), {"k+"}, None),
-        ((0, 0, 0), (22, 30, 52), {"j+"}, None),
-        ((6, 20, 20), (22, 56, 52), {"k-", "j-", "i-"}, None),
+        ((0, 0, 0), (11, 56, 52), {"k+"}),
+        ((0, 0, 0), (22, 30, 52), {"j+"}),
+        ((6, 20, 20), (22, 56, 52), {"k-", "j-", "i-"}),
     ],
 )
-def test_an_organ_cut_by_the_volume_closes_near_its_border(image, start, stop, faces, net):
+def test_an_organ_cut_by_the_volume_closes_near_its_border(image, start, stop, faces):
     volume = image.crop(start, stop)
     seed = volume.to_ras(np.clip(volume.to_ijk(SEED), 2, volume.size - 3))
-    found = fitted(volume, seed, net=net)
+    found = fitted(volume, seed)
     assert set(found.region.touches_border) == faces
     ijk = volume.to_ijk(points_on(found.surface, 2000))
     beyond = np.maximum(np.maximum(-0.5 - ijk, ijk - (volume.size - 0.5)), 0.0) * volume.spacing

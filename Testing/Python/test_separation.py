@@ -130,13 +130,19 @@ def test_the_growing_box_gives_the_result_of_the_whole_volume(image):
         np.testing.assert_array_equal(mask_in_place(region, image.array.shape), expected)
 
 
+SEEDS = CENTER + [[6.0, 2.0, 1.0], [-3.0, 4.0, -5.0]]
+
+
+@pytest.fixture(scope="module")
+def expected(image):
+    return separate(image, SEEDS)
+
+
 @pytest.mark.parametrize(("order", "flips"), ORIENTATIONS)
-def test_copies_with_other_axes_give_the_same_voxels(image, order, flips):
-    seeds = CENTER + [[6.0, 2.0, 1.0], [-3.0, 4.0, -5.0]]
-    expected = separate(image, seeds)
+def test_copies_with_other_axes_give_the_same_voxels(image, expected, order, flips):
     full = Image(mask_in_place(expected, image.array.shape), image.ijk_to_ras).canonical()
     copy = reordered(image, order, flips)
-    region = separate(copy, seeds)
+    region = separate(copy, SEEDS)
     np.testing.assert_allclose(region.threshold, expected.threshold, rtol=1e-6)
     same_grid = Image(mask_in_place(region, copy.array.shape), copy.ijk_to_ras).canonical()
     np.testing.assert_array_equal(same_grid.array, full.array)

@@ -1,4 +1,4 @@
-"""How far surfaces are from the truth and from what experts have drawn: this software, Slicer's default, the paper."""
+"""Distances of surfaces from the truth and from experts' drawings: this software, Slicer's default, the paper."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _ABOUT = f"""\
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """An organ in an image, and points of what it should be like.
+    """An organ in an image, and points of its reference.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Measured:
-    """What one surface is off by.
+    """Errors of one surface.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def demo_cases() -> list[Case]:
 
 
 def real_case(bladder: Bladder) -> Case:
-    """Take a real bladder and the lumen that experts have drawn."""
+    """Make the case of a real bladder and the lumen that experts have drawn."""
     drawn = drawn_surface(bladder)
     points = points_on(drawn, N_POINTS)
     normals = label_normals(bladder.lumen.image, points)
@@ -130,14 +130,14 @@ def of_surface(surface: BSplineSurface, case: Case) -> Measured:
 
 
 def of_contour(region: Region, case: Case) -> Measured:
-    """Measure Slicer's smoothed triangles of a region, with the normals by which they are shaded."""
+    """Measure Slicer's smoothed triangles of a region, with the normals of their vertices."""
     points, triangles, normals = contour_in_world(smoothed_contour(region), region)
     mesh = closed_mesh(ReferenceMesh(points, triangles))
     return _measured(case, mesh, signed_distances(mesh, case.points), _shaded(points, triangles, normals, case.points))
 
 
 def _measured(case: Case, surface: Reference, distances: np.ndarray, normals: np.ndarray) -> Measured:
-    """Sum up distances of the reference's points, positive outside of a surface, and its normals next to them."""
+    """Summarize distances of the reference's points, positive outside of a surface, and angles of its normals there."""
     cosines = np.einsum("nk,nk->n", normals, case.normals)
     angle = float(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))).mean())
     back = distances_from(case.reference, points_on(surface, N_POINTS))
@@ -146,7 +146,7 @@ def _measured(case: Case, surface: Reference, distances: np.ndarray, normals: np
 
 
 def _shaded(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Normals of the vertices, interpolated at the place of a mesh that is closest to each of many places."""
+    """Normals of a mesh, interpolated between its vertices, at the points that are closest to given ones."""
     mesh = polydata(points, triangles)
     locator = vtkStaticCellLocator()
     locator.SetDataSet(mesh)
@@ -171,7 +171,7 @@ def both_ways(case: Case) -> tuple[Measured, Measured]:
 
 
 def by_seed(bladder: Bladder, count: int) -> list[list[str]]:
-    """Ratios both ways for seeds elsewhere in the lumen, a row each."""
+    """Ratios of errors both ways for other seeds in the lumen, a row for each."""
     case = real_case(bladder)
     rows = []
     for number, seeds in enumerate(other_seeds(bladder, count), start=1):
@@ -205,7 +205,7 @@ def _row(name: str, found: Measured) -> list[str]:
 
 
 def ratios(ours: Measured, theirs: Measured) -> dict[str, float]:
-    """By how much Slicer's surface is farther off than ours, for each measure that has a size."""
+    """Ratios of the errors of Slicer's surface and of ours, for each measure."""
     pairs = {
         "mean": (ours.distances.mean, theirs.distances.mean),
         "std": (ours.distances.std, theirs.distances.std),
@@ -220,7 +220,7 @@ def ratios(ours: Measured, theirs: Measured) -> dict[str, float]:
 
 
 def verdict(results: dict[str, tuple[Measured, Measured]], real: set[str]) -> str:
-    """Say whether what was asked for is so, and where not."""
+    """Say whether the requirement is met, and for which organs it is not."""
     far = [
         name
         for name, (ours, _) in results.items()
@@ -236,7 +236,7 @@ def verdict(results: dict[str, tuple[Measured, Measured]], real: set[str]) -> st
 
 
 def _not_worse(results: dict[str, tuple[Measured, Measured]], measures: tuple[str, ...]) -> list[str]:
-    """Organs, and by which measures Slicer's surface of them is as near as ours or nearer."""
+    """Organs for which Slicer's surface is as near as ours or nearer, with the measures."""
     found = {name: [what for what in measures if ratios(*pair)[what] <= 1.0] for name, pair in results.items()}
     return [f"{name} ({', '.join(what)})" for name, what in found.items() if what]
 
@@ -254,7 +254,7 @@ def in_short(results: dict[str, tuple[Measured, Measured]]) -> str:
 
 
 def report(*, quick: bool) -> str:
-    """Measure all organs and put the paper's figures beside them."""
+    """Measure all organs, and print the paper's figures too."""
     found = bladders()
     real = [real_case(bladder) for bladder in (found[:1] if quick else found)]
     cases = [*demo_cases(), *real]

@@ -32,7 +32,7 @@ class Bladder:
 
 
 def load_bladder(name: str, folder: Path = DATA) -> Bladder:
-    """Read one of the images and clean its label: some slices carry stray pieces, others nothing at all."""
+    """Read one of the images and clean its label: some slices have stray pieces, others no label."""
     image = read_image(folder / f"{name}_t2.nii.gz")
     label = read_image(folder / f"{name}_label.nii.gz").array == LUMEN
     region = region_from_mask(image, _without_gaps(label), largest_component=True)
@@ -48,7 +48,7 @@ def drawn_surface(bladder: Bladder) -> ReferenceMesh:
 
 
 def other_seeds(bladder: Bladder, count: int) -> np.ndarray:
-    """Places anywhere in the lumen, deeper than `SEED_DEPTH_MM`: always the same ones, (count, 1, 3) RAS mm."""
+    """Random places in the lumen, deeper than `SEED_DEPTH_MM`, the same in every run, (count, 1, 3) RAS mm."""
     places = np.argwhere(_depth(bladder.lumen) > SEED_DEPTH_MM)
     chosen = np.random.default_rng(0).choice(len(places), count, replace=False)
     return bladder.lumen.image.to_ras(places[chosen, None, ::-1].astype(float))
@@ -88,5 +88,5 @@ def _depth(region: Region) -> np.ndarray:
 
 
 def bladders(folder: Path = DATA, names: tuple[str, ...] = NAMES) -> list[Bladder]:
-    """Those of some names; none where the data is absent."""
+    """Bladders of some names; none if the data is absent."""
     return [load_bladder(name, folder) for name in names if (folder / f"{name}_t2.nii.gz").exists()]

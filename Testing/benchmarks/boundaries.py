@@ -1,4 +1,4 @@
-"""Boundary points 5 mm off the edge: how near the surface comes, how little it moves elsewhere, or if fitted again."""
+"""Corrections by boundary points 5 mm off the edge: distance left, displacement elsewhere; and repeated fits."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def moved(before: BSplineSurface, after: BSplineSurface) -> tuple[np.ndarray, np
 
 @dataclass(frozen=True)
 class Pull:
-    """What one boundary point has done, mm.
+    """Effect of one boundary point, mm.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def pull(image: Image, fit: OrganFit, place: tuple[float, float], height: float)
 
 
 def report(*, quick: bool) -> str:
-    """Pull the demo's organs at many places, outward and inward, and time one correction against a whole fit."""
+    """Correct the demo's organs at many places, outward and inward, and time one correction against a whole fit."""
     pelvis = pelvis_phantom()
     places = PLACES[:2] if quick else PLACES + _MORE_PLACES
     count = 0
@@ -109,7 +109,7 @@ def report(*, quick: bool) -> str:
 
 
 def _again(name: str, fit: OrganFit) -> list[str]:
-    """Fit a surface again that lies at its edge already, and measure how far it moves."""
+    """Fit a surface again that is at its edge already, and measure how far it moves."""
     found = finish(refit(fit.image, fit.surface))
     heights = np.abs(moved(fit.surface, found.surface)[1])
     return [name, f"{heights.mean():.2f}", f"{heights.max():.2f}", f"{found.seconds / fit.seconds:.1f}"]

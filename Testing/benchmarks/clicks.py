@@ -1,4 +1,4 @@
-"""Clicks anywhere, in organs and beside them: each ends with a valid surface and a verdict, or with one sentence."""
+"""Random clicks in organs and beside them: each ends with a valid surface and a verdict, or with a refusal."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def clicked(image: Image, seed: np.ndarray, truth: np.ndarray | None) -> tuple[s
 
 
 def inside_clicks(bladder: Bladder, count: int, random: np.random.Generator) -> np.ndarray:
-    """Voxels anywhere in a lumen, at its wall too, (count, 1, 3) RAS mm."""
+    """Random voxels of a lumen, at its wall too, (count, 1, 3) RAS mm."""
     places = np.argwhere(bladder.lumen.mask)
     chosen = random.choice(len(places), count, replace=False)
     return bladder.lumen.image.to_ras(places[chosen, None, ::-1].astype(float))
@@ -52,7 +52,7 @@ def clicks_anywhere(image: Image, count: int, random: np.random.Generator) -> np
 
 
 def report(*, quick: bool) -> str:
-    """Click, and count what comes of it."""
+    """Fit from each click, and count the outcomes."""
     random, found = np.random.default_rng(0), []
     real = bladders(names=NAMES + HARD)
     others = [pelvis_phantom().image, *map(read_image, sorted(PROSTATEX.glob("*.nii.gz")))]

@@ -1,4 +1,4 @@
-"""Whether surfaces are as sure as they say: their true errors against the standard deviations of the fit."""
+"""True errors of surfaces against the standard deviations of their fits."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ ASKED_FOR = (0.90, 0.98)
 
 
 @dataclass(frozen=True, eq=False)
-class Sureness:
-    """Errors of one surface in units of what it says.
+class Calibration:
+    """Errors of one surface in units of its standard deviations.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ def phantom(number: int) -> tuple[float, PelvisPhantom]:
     return noise, pelvis_phantom(seed=FIRST_SEED + number, noise=noise, size=SIZE, n_slices=SLICES[number % 2])
 
 
-def sureness(organ: str, noise: float, fit: OrganFit, truth: BSplineSurface) -> Sureness:
-    """Hold a fit against the true surface."""
+def calibration(organ: str, noise: float, fit: OrganFit, truth: BSplineSurface) -> Calibration:
+    """Compare a fit with the true surface."""
     found = fit.confidence
-    return Sureness(
+    return Calibration(
         organ=organ,
         noise=noise,
         errors=closest_points(truth, found.points.reshape(-1, 3)).distances,
@@ -76,18 +76,18 @@ def sureness(organ: str, noise: float, fit: OrganFit, truth: BSplineSurface) -> 
     )
 
 
-def measured(n_phantoms: int) -> list[Sureness]:
+def measured(n_phantoms: int) -> list[Calibration]:
     """Fit all organs of many phantoms with default options."""
     results = []
     for number in range(n_phantoms):
         noise, pelvis = phantom(number)
         for organ, seeds in pelvis.seeds.items():
             fit = finish(fit_organ(pelvis.image, seeds))
-            results.append(sureness(organ, noise, fit, pelvis.surfaces[organ]))
+            results.append(calibration(organ, noise, fit, pelvis.surfaces[organ]))
     return results
 
 
-def row(name: str, results: list[Sureness]) -> list[str]:
+def row(name: str, results: list[Calibration]) -> list[str]:
     """One line of the table."""
     covered = np.array([each.covered for each in results])
     low, high = np.percentile(covered, [5, 95])
@@ -105,8 +105,8 @@ def row(name: str, results: list[Sureness]) -> list[str]:
     ]
 
 
-def widening(results: list[Sureness]) -> float:
-    """Compute by what all standard deviations would have to be multiplied for two of them to hold 95 % of the area."""
+def widening(results: list[Calibration]) -> float:
+    """Factor on all standard deviations with which 95 % of the area would be within two of them."""
     sizes = np.concatenate([np.abs(each.errors) / each.deviations for each in results])
     areas = np.concatenate([each.areas for each in results])
     order = np.argsort(sizes)
@@ -114,7 +114,7 @@ def widening(results: list[Sureness]) -> float:
 
 
 def report(*, quick: bool) -> str:
-    """Measure how much of the surfaces lies within two standard deviations, in all and by organ and noise."""
+    """Measure the share of the surfaces within two standard deviations, of all and by organ and noise."""
     results = measured(2 if quick else N_PHANTOMS)
     title = ["fits", "surfaces", "within 2 sd", "5th %", "95th %", "rms error mm", "rms sd mm", "correlation"]
     rows = [[*title, "volumes within 2 sd"], row("all", results)]

@@ -1,4 +1,4 @@
-"""Half and twice each constant of the separation: none is a knife-edge."""
+"""Sensitivity of the separation to its constants: half and twice each of them."""
 
 from __future__ import annotations
 

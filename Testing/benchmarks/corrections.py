@@ -1,4 +1,4 @@
-"""Real bladders that were started badly, corrected by boundary points clicked one after another at the worst place."""
+"""Real bladders with bad starts, corrected by boundary points that are added one by one at the worst place."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def report(*, quick: bool) -> str:
 
 
 def _start(bladder: Bladder, lumen: np.ndarray) -> tuple[FitOptions, str]:
-    """Options of a fit that starts badly, by the grey levels in the lumen, and what its threshold is called."""
+    """Options of a fit with a bad start, from the grey levels in the lumen, and the name of its threshold."""
     if bladder.name in _BY_DEFAULT:
         return FitOptions(), "automatic"
     return FitOptions(threshold=(_TOO_HIGH * float(np.median(lumen)), float(lumen.max()))), "too high"

@@ -1,4 +1,4 @@
-"""From one click to a surface in real MRI: seven bladders that experts have drawn, from many places in each."""
+"""Fits from one click in real MRI: seven bladders that experts have drawn, from many places in each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DEEPEST_MM, ANYWHERE_MM = 1.0, 1.5
 
 @dataclass(frozen=True)
 class Started:
-    """What came of one click.
+    """Result of one click.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def started(bladder: Bladder, reference: Reference, seed: np.ndarray) -> Started
 
 
 def kind(fit: OrganFit) -> str:
-    """What a fit says of itself."""
+    """Verdict of a fit."""
     return ", ".join(problem.kind for problem in fit.problems) or "valid"
 
 

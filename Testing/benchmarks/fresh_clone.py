@@ -1,4 +1,4 @@
-"""The README's two commands in a fresh clone of what is committed: minutes, and disk."""
+"""Minutes and disk space of the README's two commands in a fresh clone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another organ than those of the pelvis: hippocampi in brain MRI of weak contrast, started from a box only."""
+"""An organ outside of the pelvis: hippocampi in brain MRI of weak contrast, started from a box only."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def box_of(label: Region) -> np.ndarray:
 
 
 def farthest_from_start(fit: OrganFit) -> float:
-    """Compute how far a surface goes from the region it started from, mm."""
+    """Largest distance of a surface from the region that it started from, mm."""
     return float(np.abs(distances_from(mesh_of_mask(fit.region.image), fit.confidence.points.reshape(-1, 3))).max())
 
 

@@ -1,4 +1,4 @@
-"""Measuring on a noisy machine: medians of repeats whose order alternates, peak memory, growth."""
+"""Measurements on a machine with other load: medians of repeats in alternating order, peak memory, growth."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def interleaved_seconds(jobs: dict[str, Callable[[], object]], repeats: int) -> 
 
 
 def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
-    """Median over the rounds of the ratio within a round: a slow moment of the machine hits both."""
+    """Median over the rounds of the ratio within a round, so that other load affects both."""
     return median(a / b for a, b in zip(ours, theirs))
 
 
 def peak_megabytes(job: Callable[[], object]) -> float:
-    """Largest memory that a job holds at once beyond what was there before, MB, as tracemalloc sees it."""
+    """Peak memory that a job allocates, MB, by tracemalloc."""
     tracemalloc.start()
     try:
         job()

@@ -1,4 +1,4 @@
-"""The generic pelvis in images whose organs, and the map that made them, are known."""
+"""Fits of the generic pelvis to images made by a known map of it, and to real shapes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _CLOSED, _OPENED = 3.0, 2.0
 
 @dataclass(frozen=True, eq=False)
 class SmoothMap:
-    """Smooth pushes of space, and an affine map after them; RAS mm.
+    """Smooth local displacements of space, then an affine map; RAS mm.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ class SmoothMap:
         return cls(linear, 10.0 * random.normal(size=3), centers, 6.0 * random.normal(size=(6, 3)))
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Take points (..., 3) elsewhere."""
+        """Map points (..., 3)."""
         squared = np.square(points[..., None, :] - self.centers).sum(axis=-1)
         return (points + np.exp(squared / (-2.0 * PUSH_REACH**2)) @ self.pushes) @ self.linear.T + self.shift
 
     def surface(self, surface: BSplineSurface) -> BSplineSurface:
-        """Take a closed organ elsewhere."""
+        """Map a closed organ."""
         closed = parametrization.closed_organ(surface)
         return closed.deform(closed.fit(self(surface.control_net)))
 
@@ -128,7 +128,7 @@ def _filled(mask: np.ndarray, voxel: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Measured:
-    """One case: what organs are off by together and alone, parts, the map, and CPU seconds."""
+    """Results of one case: errors of organs fitted together and alone, of the parts and of the map, and CPU seconds."""
 
     together: dict[str, tuple[float, float]]
     alone: dict[str, float]
@@ -167,7 +167,7 @@ def measured(seed: int, model: MultiPatchModel) -> Measured:
 
 
 def _parts(carried: MultiPatchModel, model: MultiPatchModel, known: SmoothMap) -> dict[str, float]:
-    """Mean distance of the control points of what no image shows from where the map takes them, mm."""
+    """Mean error of the control points of parts that no image shows, against the known map, mm."""
     off = np.linalg.norm(carried.points - known(model.points), axis=1)
     found = {}
     for part in model.parts:

@@ -1,4 +1,4 @@
-"""Generic models: how exact their patches are, what Open CASCADE reads in their STEP files, and their meshes.
+"""Generic models: exactness of their patches, their STEP files as Open CASCADE reads them, and their meshes.
 
 The pelvis is measured as it ships, and after affine and smooth maps that are drawn at random.
 """
@@ -58,7 +58,7 @@ def report(*, quick: bool) -> str:
 
 
 def _carried(model: MultiPatchModel, seed: int) -> MultiPatchModel:
-    """Take a model along a random map; organs as near to it as closed surfaces can be."""
+    """Deform a model by a random map; its organs stay closed and smooth."""
     random = np.random.default_rng(seed)
     matrix = np.eye(3) + random.normal(0.0, _MATRIX, (3, 3))
     places, pushes = random.uniform(-60.0, 60.0, (6, 3)), random.normal(0.0, _PUSH_MM, (6, 3))

@@ -1,4 +1,4 @@
-"""What control nets of different sizes bring: cost, distance from truth and experts, time."""
+"""Control nets of different sizes: cost, distance from truth and experts, time."""
 
 from __future__ import annotations
 

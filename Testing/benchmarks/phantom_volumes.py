@@ -1,4 +1,4 @@
-"""Volumes of the demo's organs, painted with other voxels: is a surface too large or too small by them?"""
+"""Errors of the volumes of the demo's organs, painted with other sizes of voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Organs of random shape: the generic model, stretched, turned and pushed at random; painted, and fitted."""
+"""Organs of random shape: the generic model, scaled, rotated and deformed at random; painted, and fitted."""
 
 from __future__ import annotations
 

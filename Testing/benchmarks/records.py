@@ -99,7 +99,7 @@ def renewed(text: str) -> tuple[str, list[str]]:
 
 
 def numbers(text: str, *, unit: bool = False) -> Iterator[tuple[str, float]]:
-    """Numbers as written, and their values; with `unit` those with a decimal point or a unit alone."""
+    """Numbers as written, and their values; with `unit` only those with a decimal point or a unit."""
     for match in re.finditer(_NUMBER, text):
         word = match[0].rstrip(",")
         if not unit or "." in word or "e" in word or re.match(_UNIT, text[match.start() + len(word) :]):

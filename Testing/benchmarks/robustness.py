@@ -1,4 +1,4 @@
-"""How far a fit depends on where the seeds are and on the grey levels that were chosen."""
+"""Dependence of a fit on the places of the seeds and on the chosen grey levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How right and how fast: ``python Testing/benchmarks/run.py``. Times are ratios against something in the same run.
+"""Accuracy and speed: ``python Testing/benchmarks/run.py``. Times are ratios against other work in the same run.
 
 Nothing passes or fails by time. The order of what is compared alternates, and medians are printed, because other
 programs share the machine.

@@ -1,4 +1,4 @@
-"""What is measured on: the demo's organs, real bladders where there are any, and an organ in a volume of any size."""
+"""Images of the benchmarks: the demo's organs, real bladders if there are any, an organ in a volume of any size."""
 
 from __future__ import annotations
 

@@ -160,7 +160,7 @@ def _swollen(surface, factor: float):
 
 
 def hard(patient: Patient) -> str:
-    """Make a table of what becomes of hard stacks."""
+    """Make a table of the results with hard stacks."""
     rows = [["second stack", "organ", "alone, mm", "with it, mm", "used"]]
     alone = {organ: errors(fitted(patient, organ, []), patient.points(organ)).mean() for organ in patient.first.seeds}
     for name, image in hard_stacks(patient):

@@ -63,7 +63,7 @@ def bent_tube(degrees: float, *, flat: float = 1.0) -> BentTube:
 
 
 def report(*, quick: bool) -> str:
-    """Fit tubes of several bends both ways."""
+    """Fit tubes of several bends from both starts."""
     rows = [["bent by", "start", "mean mm", "largest mm", "problems", "net", "held"]]
     for degrees in BENDS[3:4] if quick else BENDS:
         tube = bent_tube(degrees)

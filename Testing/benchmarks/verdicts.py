@@ -1,4 +1,4 @@
-"""Whether a verdict holds on images it was not set on: real bladders that were changed, with noise for instance."""
+"""Verdicts on images that they were not tuned on: real bladders that were changed, with noise for instance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def mirrored(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def cut(grey: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """End the volume within the organ."""
+    """Cut the volume within the organ."""
     slices = np.flatnonzero(mask.any(axis=(1, 2)))
     last = slices[-1] - int(_CUT * len(slices))
     return grey[:last], mask[:last]
