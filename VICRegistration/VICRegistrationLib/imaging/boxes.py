@@ -1,4 +1,4 @@
-"""Boxes of voxels: that of a mask, that of a ball, and the pieces of a mask; the ball of a volume."""
+"""Bounding boxes of masks and balls, the number of pieces of a mask, and the radius of a ball of given volume."""
 
 from __future__ import annotations
 
@@ -9,14 +9,30 @@ from .morphology import ball_reach
 
 
 def bounds(mask):
-    """First and one past the last voxel of a mask that is not empty, along k, j and i."""
+    """First voxel, and one past the last voxel, of a mask that is not empty, along k, j and i; two (3,) ndarray."""
     plane = mask.any(axis=2)
     used = [np.flatnonzero(line) for line in (plane.any(axis=1), plane.any(axis=0), mask.any(axis=(0, 1)))]
     return np.array([line[0] for line in used]), np.array([line[-1] + 1 for line in used])
 
 
 def ball_box(grid, voxel, steps, radius):
-    """Index of the box of a ball around a voxel, and the distances in mm of its voxels within the ball."""
+    """Bounding box of a ball around a voxel (k, j, i) of a grid.
+
+    Parameters
+    ----------
+    grid : ndarray
+    voxel : (3,) array_like
+    steps : (3, 3) ndarray
+        Upper left block of ``ijk_to_ras``.
+    radius : float
+        mm.
+
+    Returns
+    -------
+    box : tuple of 3 slice
+    distances : ndarray
+        Of the box's voxels from the voxel, mm; infinite outside of the ball.
+    """
     reach = ball_reach(steps, radius)
     low = np.maximum(voxel - reach, 0)
     high = np.minimum(voxel + reach + 1, grid.shape)
@@ -27,11 +43,11 @@ def ball_box(grid, voxel, steps, radius):
 
 
 def pieces(mask):
-    """Count the components of a mask that is not empty."""
+    """Count the pieces of a mask that is not empty."""
     first, last = bounds(mask)
     return ndimage.label(mask[tuple(map(slice, first, last))])[1]
 
 
 def ball_radius(volume: float) -> float:
-    """Radius of the ball of a volume, mm for mm^3; the sign, negative where a surface is inside out, does not count."""
+    """Radius of a ball with a volume, mm for mm^3; the sign, negative if a surface is inside out, is ignored."""
     return (3.0 * abs(float(volume)) / (4.0 * np.pi)) ** (1.0 / 3.0)

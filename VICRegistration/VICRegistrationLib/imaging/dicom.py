@@ -1,4 +1,4 @@
-"""DICOM: series of a folder, and files with several frames, placed by what each image says of itself."""
+"""DICOM: series of a folder, and files with several frames, placed by the position and orientation of each image."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PHOTOMETRIC, _SLOPE = "0028|0004", "0028|1053"
 _SERIES, _SERIES_DESCRIPTION, _SERIES_NUMBER = "0020|000e", "0008|103e", "0020|0011"
 _FRAME_OF_REFERENCE = "0020|0052"
 _READER = "GDCMImageIO"
-# All that it reports of a file whose pixels it does not find.
+# Its only message about a file whose pixels it does not find.
 _NO_PIXELS = "Cannot read requested file"
 _ROWS, _COLUMNS = "0028|0010", "0028|0011"
 _POSITION, _ORIENTATION, _SPACING = "0020|0032", "0020|0037", "0028|0030"
@@ -30,7 +30,7 @@ _PLACING = {
     _ORIENTATION: ("ImageOrientationPatient", 6),
     _SPACING: ("PixelSpacing", 2),
 }
-# What may distinguish images at one place, the plainest first.
+# Elements that may distinguish images at the same position, the simplest first.
 _DISTINGUISHING = {
     "0020|0100": "TemporalPositionIdentifier",
     "0018|0086": "EchoNumbers",
@@ -45,10 +45,10 @@ _DISTINGUISHING = {
     "0008|0032": "AcquisitionTime",
     "0020|0013": "InstanceNumber",
 }
-# What is no image of a patient, though it has pixels: segmentations.
+# Segmentations have pixels, but are no images of a patient.
 _SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 
-# So many names of files are listed, and so many folders are looked into for others.
+# Largest number of file names in a message, and of folders that are searched for DICOM files.
 _LISTED, _MOST_FOLDERS = 3, 200
 
 Header = dict[str, str]
@@ -56,17 +56,17 @@ Placed = tuple[np.ndarray, np.ndarray, list[str]]
 
 
 class _NoImageError(ValueError):
-    """A DICOM file holds no image: a report, a presentation state, a directory."""
+    """A DICOM file without an image: a report, a presentation state, a directory."""
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file begins as DICOM files do."""
+    """Whether a file begins with the DICOM prefix."""
     with path.open("rb") as file:
         return file.read(132)[128:] == b"DICM"
 
 
 def is_segmentation(path: Path) -> bool:
-    """Whether a file is a DICOM segmentation; no if it cannot be read."""
+    """Whether a file is a DICOM segmentation; False if it cannot be read."""
     try:
         return is_dicom(path) and _header(str(path)).get(_SOP_CLASS) in _SEGMENTATIONS
     except ValueError:
@@ -74,7 +74,7 @@ def is_segmentation(path: Path) -> bool:
 
 
 def segmentation_in(folder: Path) -> Path | None:
-    """Find the DICOM segmentation of a folder, as archives export it.
+    """Find the DICOM segmentation in a folder.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def segmentation_in(folder: Path) -> Path | None:
     Returns
     -------
     Path or None
-        None if it holds none.
+        None if there is none.
 
     Raises
     ------
     ValueError
-        If it holds several.
+        If there are several.
     """
     found = sorted(path for path in folder.iterdir() if path.is_file() and is_segmentation(path))
     if len(found) > 1:
@@ -102,7 +102,7 @@ def segmentation_in(folder: Path) -> Path | None:
 
 
 def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
-    """Read a series out of a folder.
+    """Read a series from a folder.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
     array : (nk, nj, ni) ndarray
     ijk_to_lps : (4, 4) ndarray
     notes : list of str
-        What a user should know, a sentence each.
+        Warnings for the user, a sentence each.
 
     Raises
     ------
     ValueError
-        If it is not clear which series is meant, or it is no volume.
+        If there are several series and none was chosen, or if the series is no volume.
     """
     headers, damaged = _headers(folder)
     left_out = f"holds files that are damaged and were left out ({len(damaged)}): {', '.join(damaged[:_LISTED])}"
@@ -133,7 +133,7 @@ def read_series(folder: Path, series: str | None, frame: int | None) -> Placed:
     except ValueError as error:
         if not damaged:
             raise
-        # They may be the slices that are missing.
+        # The damaged files may be the missing slices.
         msg = f"{error} The folder also {left_out}."
         raise ValueError(msg) from error
     return array, matrix, [f"it {left_out}"] if damaged else []
@@ -151,7 +151,7 @@ def read_file(path: Path, frame: int | None) -> Placed:
     Returns
     -------
     array, ijk_to_lps, notes
-        As of :func:`read_series`.
+        As in :func:`read_series`.
 
     Raises
     ------
@@ -169,11 +169,11 @@ def read_file(path: Path, frame: int | None) -> Placed:
     return *_read({str(path): header}, str(path), frame), []
 
 
-# ------------------------------------------------------------------ which files
+# ------------------------------------------------------------------ files of a series
 
 
 def _headers(folder: Path) -> tuple[dict[str, Header], list[str]]:
-    """Headers of the images in a folder, and the names of files that are damaged."""
+    """Read the headers of the images in a folder; returns also the names of damaged files."""
     found, damaged = {}, []
     for path in sorted(path for path in folder.iterdir() if path.is_file()):
         try:
@@ -181,7 +181,7 @@ def _headers(folder: Path) -> tuple[dict[str, Header], list[str]]:
         except _NoImageError:
             continue
         except ValueError:
-            # Text files, pictures and whatever else lies beside the slices is no DICOM file at all.
+            # Other files beside the slices, such as texts and pictures, are ignored.
             if is_dicom(path) or not path.stat().st_size:
                 damaged.append(path.name)
             continue
@@ -193,7 +193,7 @@ def _headers(folder: Path) -> tuple[dict[str, Header], list[str]]:
 
 
 def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None) -> dict[str, Header]:
-    """Files of the one series that is meant, with their headers."""
+    """Return the files of the chosen series, with their headers."""
     found: dict[str, dict[str, Header]] = {}
     for name, header in headers.items():
         found.setdefault(header[_SERIES], {})[name] = header
@@ -222,11 +222,11 @@ def _chosen_series(headers: dict[str, Header], folder: Path, series: str | None)
 
 
 def _folders_below(folder: Path) -> list[Path]:
-    """Folders below one in which the first file that is not hidden is a DICOM file, as archives export them."""
+    """Return the subfolders in which the first file that is not hidden is a DICOM file."""
     found = []
     for root, _, names in itertools.islice(os.walk(folder), _MOST_FOLDERS):
         paths = (Path(root, name) for name in sorted(names) if not name.startswith("."))
-        # Folders that may not be read are left out.
+        # Folders without permission to read are left out.
         with contextlib.suppress(OSError):
             first = next((path for path in paths if path.is_file()), None)
             if first is not None and Path(root) != folder and is_dicom(first):
@@ -235,7 +235,7 @@ def _folders_below(folder: Path) -> list[Path]:
 
 
 def _header(name: str) -> Header:
-    """Texts of a file's own elements by their tags."""
+    """Read the texts of a file's top-level elements by their tags."""
     reader = sitk.ImageFileReader()
     reader.SetFileName(name)
     reader.SetImageIO(_READER)
@@ -262,7 +262,7 @@ def _several_frames(header: Header) -> bool:
 
 
 def _number(header: Header, tag: str) -> int:
-    """Whole number of an element; 0 if it is missing or none."""
+    """Integer value of an element; 0 if it is missing or no integer."""
     return int(header[tag]) if header.get(tag, "").isdecimal() else 0
 
 
@@ -305,7 +305,7 @@ def _check_kind(header: Header, name: str, what: str) -> None:
 
 
 def _check_levels(headers: dict[str, Header], what: str) -> None:
-    """Refuse slices whose grey levels are not on one scale."""
+    """Refuse slices whose grey levels do not have the same scale."""
     scales = [header.get(_PHOTOMETRIC, "none") for header in headers.values()]
     if len(set(scales)) > 1:
         counts = ", ".join(f"{scales.count(scale)} {scale}" for scale in sorted(set(scales)))
@@ -315,7 +315,7 @@ def _check_levels(headers: dict[str, Header], what: str) -> None:
             "acquired."
         )
         raise ValueError(msg)
-    # ITK takes a slope that is none for 1, which changes nothing that matters if all slices have it.
+    # ITK replaces an invalid slope by 1, which is harmless if all slices have the same slope.
     if len({header.get(_SLOPE) for header in headers.values()}) < 2:
         return
     for name, header in headers.items():
@@ -336,7 +336,7 @@ def _is_slope(text: str) -> bool:
 
 
 def _slice_of(name: str, header: Header, what: str) -> Slice:
-    """Place and properties of a file with one image."""
+    """Make the slice of a file with one image."""
     values = {}
     for tag, (keyword, count) in _PLACING.items():
         try:
@@ -356,7 +356,7 @@ def _slice_of(name: str, header: Header, what: str) -> Slice:
 
 
 def _voxels(slices: Sequence[Slice], multi: set[str], what: str) -> np.ndarray:
-    """Grey levels of slices, with the slope and intercept of each."""
+    """Read the grey levels of slices, with the slope and intercept of each applied."""
     wanted: dict[str, list[int]] = {}
     for number, each in enumerate(slices):
         wanted.setdefault(each.source[0], []).append(number)

@@ -1,4 +1,4 @@
-"""A volume and its place in the world, in RAS millimetres."""
+"""A volume and its position in RAS millimetres."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# The squares of greater levels, summed over a volume, leave the range of numbers.
+# The sum of the squares of larger grey levels over a volume would overflow.
 _LARGEST_LEVEL = 1e100
 
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
@@ -21,17 +21,17 @@ class Image:
     Attributes
     ----------
     array : ndarray, shape (nk, nj, ni)
-        Voxels, slowest axis first, like ``SimpleITK.GetArrayFromImage``. It is not copied, so whoever writes
-        to it changes the image.
+        Voxels, slowest axis first, like ``SimpleITK.GetArrayFromImage``. It is not copied, so writing to it
+        changes the image.
     ijk_to_ras : ndarray, shape (4, 4)
-        Takes ``(i, j, k, 1)`` to RAS millimetres; whole numbers are voxel centres. Any affine matrix will do:
-        anisotropic, oblique, left-handed or sheared (a tilted gantry).
+        Takes ``(i, j, k, 1)`` to RAS millimetres; integer indices are voxel centres. Any invertible affine matrix
+        is allowed: anisotropic, oblique, left-handed or sheared (a tilted gantry).
 
     Raises
     ------
     ValueError
-        If the array is not a three-dimensional grid of finite numbers up to 1e100 with two voxels or more along
-        every axis, or the matrix cannot place it.
+        If the array is not three-dimensional with at least two voxels along every axis, holds numbers that are not
+        finite or above 1e100, or if the matrix is not an invertible affine one.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class Image:
 
     @classmethod
     def from_array(cls, array, ijk_to_ras) -> Image:
-        """Make an image of an array and the matrix that places its voxels.
+        """Make an image from an array and the matrix that places its voxels.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class Image:
 
     @property
     def size(self) -> np.ndarray:
-        """Number of voxels along i, j and k, shape (3,): the shape of the array read backwards."""
+        """Number of voxels along i, j and k, shape (3,)."""
         return np.array(self.array.shape[::-1])
 
     @property
@@ -114,7 +114,7 @@ class Image:
         return _transformed(self.ijk_to_ras, ijk)
 
     def crop(self, start_kji, stop_kji) -> Image:
-        """Cut out a box of voxels, in the same place in the world.
+        """Crop to a box of voxels; these keep their RAS positions.
 
         Parameters
         ----------
@@ -144,14 +144,14 @@ class Image:
         return _view(self.array[box], matrix)
 
     def crop_around(self, points: np.ndarray, margin: float) -> Image:
-        """Cut out the smallest box of voxels around points, or what of it lies in the volume.
+        """Crop to the smallest box of voxels around points, as far as it lies in the volume.
 
         Parameters
         ----------
         points : (n, 3) array_like
             RAS mm.
         margin : float
-            How far beyond the points the box reaches, mm.
+            Distance from the points to the faces of the box, mm.
 
         Returns
         -------
@@ -170,14 +170,14 @@ class Image:
         Returns
         -------
         Image
-            The same voxels in the same places (a view, not resampled). Copies of one volume that differ
+            The same voxels at the same RAS positions (a view, not resampled). Copies of one volume that differ
             only by permuted and flipped axes give identical arrays.
 
         Notes
         -----
-        The assignment of the three axes with the largest sum of cosines is taken, as ``DICOMOrient`` and
-        nibabel's ``as_closest_canonical`` do. Where two are equal (an axis at exactly 45 degrees) the one
-        turned towards the next world axis wins, so that the order of the axes does not decide.
+        Of all assignments of the axes, the one with the largest sum of cosines is taken, as ``DICOMOrient`` and
+        nibabel's ``as_closest_canonical`` do. If two are equal (an axis at exactly 45 degrees), the one turned
+        towards the next RAS axis is taken, so that the result does not depend on the order of the axes.
         """
         directions = self.ijk_to_ras[:3, :3] / self.spacing
         tie_break = 1e-6 * np.sign(directions) * np.roll(directions, -1, axis=0)
@@ -199,7 +199,7 @@ class Image:
 
 
 def _view(array, ijk_to_ras):
-    """Image of voxels that a checked image already holds: looking for NaN again would read them all."""
+    """Make an image of voxels of a checked image, without a search for NaN, which would read all of them again."""
     _check_grid(array)
     image = object.__new__(Image)
     object.__setattr__(image, "array", array)
@@ -208,14 +208,14 @@ def _view(array, ijk_to_ras):
 
 
 def beginning_at(ijk_to_ras: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Matrix of the same grid counted from another voxel (i, j, k), in it or beyond its border; (4, 4) to RAS mm."""
+    """Matrix (4, 4) of a grid whose first voxel is the voxel (i, j, k) of another grid, inside or outside of it."""
     matrix = ijk_to_ras.copy()
     matrix[:3, 3] += matrix[:3, :3] @ first
     return matrix
 
 
 def as_image(image) -> Image:
-    """Take an image, or read the one at a path.
+    """Return an image, or read it from a path.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def as_image(image) -> Image:
     Raises
     ------
     TypeError
-        If it is neither.
+        If the argument is neither.
     ValueError
         As :func:`.reading.read_image`.
     """
@@ -246,7 +246,7 @@ def as_image(image) -> Image:
 
 
 def patient_side(direction: np.ndarray) -> str:
-    """Side of the patient that a direction looks to.
+    """Name the side of the patient to which a direction points.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def patient_side(direction: np.ndarray) -> str:
     Returns
     -------
     str
-        "left", "right", "posterior", "anterior", "inferior" or "superior": the one that is nearest.
+        "left", "right", "posterior", "anterior", "inferior" or "superior": the nearest of these.
     """
     axis = int(np.argmax(np.abs(direction)))
     return _SIDES[axis][int(direction[axis] > 0.0)]
@@ -289,7 +289,7 @@ def _check_grid(array):
 def _check_finite(array):
     if array.dtype.kind != "f":
         return
-    # The minimum and maximum carry a NaN or an infinity along without a mask of the volume's size.
+    # Minimum and maximum are not finite if any voxel is not; a mask of the volume's size is not needed.
     largest = float(np.abs([array.min(), array.max()]).max())
     if largest > _LARGEST_LEVEL and np.isfinite(largest):
         msg = (
@@ -337,7 +337,7 @@ def _checked_matrix(ijk_to_ras):
         msg = f"The last row of ijk_to_ras is {matrix[3].tolist()}; it must be 0, 0, 0, 1 (affine)."
         raise ValueError(msg)
     steps = np.linalg.norm(matrix[:3, :3], axis=0)
-    # A determinant far below the product of the voxel's edges is a voxel without volume, not a small voxel.
+    # The determinant is compared with the product of the voxel's edges, so that small voxels are allowed.
     if steps.min() <= 0 or abs(np.linalg.det(matrix[:3, :3] / steps)) < 1e-6:
         msg = (
             "The matrix from voxels to mm (ijk_to_ras) cannot be inverted (a spacing of zero, or two axes along one "

@@ -1,4 +1,4 @@
-"""Organs in label images: by value, or by the name of a segment (Slicer's .seg.nrrd files, DICOM segmentations)."""
+"""Organs in label images, chosen by value or by the name of a segment (Slicer's .seg.nrrd, DICOM segmentations)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from .image import Image
 from .reading import LPS_TO_RAS, read_header, read_image
 from .volumes import SeveralVolumes
 
-# So many labels are listed before the rest is only counted.
+# Largest number of labels listed in a message.
 _LISTED = 12
-# An image with more values than this is hardly a segmentation.
+# An image with more values than this is probably no segmentation.
 _MANY = 255
-# Resampling leaves labels so far from whole numbers (float32 in programs that interpolate).
+# Largest deviation of labels from integers by rounding (float32 in programs that interpolate).
 _ROUNDING = 1e-3
-# An image with so few values is hardly an MRI: label maps of whole bodies have about a hundred, 8-bit MRI twice that.
+# An image with fewer values than this is probably a label map: those of whole bodies have about a hundred values, 8-bit
+# MRI twice that.
 _FEW = 100
-# So many voxels are looked at for that.
-_LOOKED_AT = 1 << 20
+# Number of voxels that are sampled to count the values.
+_SAMPLED = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,9 @@ class Segment:
     value : int
         Of its voxels.
     name : str
-        Empty where the file has none.
+        Empty if the file has none.
     layer : int
-        Which of the values of a voxel it is; segments of different layers may overlap.
+        Component of the voxels that holds the segment; segments of different layers may overlap.
     """
 
     value: int
@@ -66,8 +67,8 @@ def read_label(
         Any image that `read_image` reads, or a folder with one DICOM segmentation; segments of Slicer's .seg.nrrd files
         and of DICOM segmentations have names, and may overlap.
     label : int or str, optional
-        Value or name of the segment, in upper or lower case. If not given, the only one that there is, or the one that
-        has the organ's name.
+        Value or name of the segment, in upper or lower case. If not given, the only segment, or the one with the
+        organ's name.
     organ : str
         Name of the organ.
     warn : callable, optional
@@ -82,7 +83,7 @@ def read_label(
     Raises
     ------
     ValueError
-        If the file cannot be read, is no label image, or it is not clear which label is meant; the sentence lists them.
+        If the file cannot be read or is no label image, or if the choice is not unique; the message lists the labels.
     """
     path = Path(path)
     warn = warn or warnings.warn
@@ -98,7 +99,7 @@ def read_label(
 
 
 def few_values(image: Image) -> int:
-    """Count the grey levels of an image that has hardly any, as a label map has; 0 for others.
+    """Count the values of an image that has few, as a label map has; 0 for other images.
 
     Parameters
     ----------
@@ -108,16 +109,16 @@ def few_values(image: Image) -> int:
     -------
     int
     """
-    step = max(1, image.array.size // _LOOKED_AT)
-    seen = np.unique(image.array.reshape(-1)[::step])
-    if len(seen) >= _FEW or not np.array_equal(seen, np.round(seen)):
+    step = max(1, image.array.size // _SAMPLED)
+    values = np.unique(image.array.reshape(-1)[::step])
+    if len(values) >= _FEW or not np.array_equal(values, np.round(values)):
         return 0
     count = len(np.unique(image.array))
     return count if 1 < count < _FEW else 0
 
 
 def _dicom_segment(path: Path, label: int | str | None, organ: str) -> tuple[Image, Segment]:
-    """One segment of a DICOM segmentation; an empty slice is added at both ends, as they hold none."""
+    """Read one segment of a DICOM segmentation, with an empty slice added at both ends, which such files leave out."""
     found = [Segment(number, name) for number, name in multiframe.segments_of(str(path)).items()]
     segment = _chosen(found, label, organ, path)
     mask, matrix = multiframe.segment_in(str(path), segment.value)
@@ -127,7 +128,7 @@ def _dicom_segment(path: Path, label: int | str | None, organ: str) -> tuple[Ima
 
 
 def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[str], None]) -> tuple[Image, Segment]:
-    """Voxels of one label of an image."""
+    """Read the voxels of one label of an image."""
     named, layers = _named_segments(path)
     if named and layers > 1:
         segment = _chosen(named, label, organ, path)
@@ -143,7 +144,7 @@ def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[s
         names = {segment.value: segment.name for segment in named}
         found = [Segment(int(value), names.get(int(value), "")) for value in np.unique(values) if value != 0]
         if label is not None:
-            # One that the header lists and that has no voxels is reported as that.
+            # A segment without voxels can be chosen too, to be reported as empty.
             found += [segment for segment in named if segment.value not in {each.value for each in found}]
         if not found:
             msg = f"{path} holds no label: all of its voxels are 0. Give a segmentation with the organ in it."
@@ -153,9 +154,9 @@ def _labelled(path: Path, label: int | str | None, organ: str, warn: Callable[[s
 
 
 def _named_segments(path: Path) -> tuple[list[Segment], int]:
-    """Segments that a file's header lists, and the number of layers.
+    """Return the segments in a file's header, and the number of layers.
 
-    Slicer up to 4.10 wrote a layer for each segment, with the value 1, and neither value nor layer into the header.
+    Slicer up to 4.10 wrote one layer for each segment, with the value 1, and wrote neither into the header.
     """
     header, layers = read_header(path) if path.is_file() else ({}, 1)
     listed: dict[int, dict[str, str]] = {}
@@ -172,7 +173,7 @@ def _named_segments(path: Path) -> tuple[list[Segment], int]:
 
 
 def _whole(image: Image, path: Path) -> np.ndarray:
-    """Voxels as whole numbers, which resampling may have put off a little."""
+    """Round the voxels to integers, if they deviate from these only by rounding."""
     values = image.array
     if values.dtype.kind != "f":
         return values
@@ -189,7 +190,7 @@ def _whole(image: Image, path: Path) -> np.ndarray:
 
 
 def _chosen(segments: Sequence[Segment], label: int | str | None, organ: str, path: Path) -> Segment:
-    """Choose the one segment that is meant."""
+    """Choose a segment by its label, or by the organ's name."""
     if label is None:
         matching = [segment for segment in segments if organ and segment.name.casefold() == organ.casefold()]
         if len(segments) == 1:

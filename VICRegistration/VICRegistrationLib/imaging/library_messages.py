@@ -1,4 +1,4 @@
-"""What ITK and VTK say while they read: kept for the user in sentences, not printed."""
+"""Warnings and errors of ITK and VTK: collected for the user instead of printed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vtkmodules.vtkCommonCore import vtkObject
 
 
 class _Warnings(sitk.LoggerBase):
-    """Collects the warnings of ITK and drops the rest, which is debugging."""
+    """Collects the warnings of ITK and ignores its other output."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -21,7 +21,7 @@ class _Warnings(sitk.LoggerBase):
         self.texts.append(text)
 
     def _drop(self, text: str) -> None:
-        """Take no notice."""
+        """Ignore a text."""
 
     DisplayText = DisplayErrorText = DisplayDebugText = DisplayGenericOutputText = _drop
 
@@ -33,7 +33,7 @@ def itk_warnings() -> Iterator[list[str]]:
     Yields
     ------
     list of str
-        One line for each warning, once the block has ended; none twice.
+        One line for each different warning; filled when the block ends.
     """
     lines: list[str] = []
     logger = _Warnings()
@@ -50,7 +50,7 @@ def itk_warnings() -> Iterator[list[str]]:
 
 @contextlib.contextmanager
 def silent_vtk() -> Iterator[None]:
-    """Keep VTK from printing what is wrong with a file."""
+    """Keep VTK from printing warnings."""
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.SetGlobalWarningDisplay(0)
     try:
@@ -60,7 +60,7 @@ def silent_vtk() -> Iterator[None]:
 
 
 def one_line(error: Exception) -> str:
-    """Reduce SimpleITK's report of several lines, with source files and addresses, to its reason.
+    """Extract the reason from SimpleITK's report of several lines with source files and addresses.
 
     Parameters
     ----------
@@ -78,6 +78,6 @@ def one_line(error: Exception) -> str:
 
 
 def _warning(text: str) -> str:
-    """Take the source file, the class and its address off a warning."""
+    """Remove the source file, the class and its address from a warning."""
     text = re.sub(r"WARNING: In \S+, line \d+\s*\w+ \((?:0x)?[0-9a-fA-F]+\): ", "", text)
     return " ".join(text.split()).rstrip(".")

@@ -1,4 +1,4 @@
-"""Where an organ is, how it lies and how large it is: centre, principal axes and extents."""
+"""Centre, principal axes and extents of a region."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Moments:
 
 
 def moments(region: Region) -> Moments:
-    """Work out the centre, the principal axes and the extents of a region.
+    """Compute the centre, the principal axes and the extents of a region.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def moments(region: Region) -> Moments:
 
     Notes
     -----
-    The directions of the axes come from the region, not from the eigenvalue solver, so they turn with it: the
-    third moment along each axis is positive; of the three, the axis whose normalised skewness is least is
-    turned round if that is needed for a right-handed frame. For a region symmetric about an axis' middle
-    plane the direction is arbitrary, and for a region with two equal extents so are the axes.
+    The signs of the axes are determined by the region, so that they rotate with it: the third moment along each axis is
+    positive. If the frame is then left-handed, the axis with the smallest normalised skewness is reversed. For a region
+    that is symmetric about the middle plane of an axis, the sign of that axis is arbitrary, and for a region with two
+    equal extents so are the axes.
     """
     sums, rows, middle = _row_sums(region.mask)
     count = sums[:, 0].sum()
-    # Second moments of the voxels' centres along (i, j, k); a voxel is a small box, not a point: it adds a twelfth.
+    # Second moments of the voxels' centres along (i, j, k). A voxel is a box of size 1, which adds 1/12.
     along_i = np.array([sums[:, 2].sum(), *(sums[:, 1] @ rows)])
     across = rows.T @ (sums[:, :1] * rows)
     second = np.block([[along_i[:1, None], along_i[None, 1:]], [along_i[1:, None], across]]) / count
@@ -72,7 +72,7 @@ def moments(region: Region) -> Moments:
 
 
 def _row_sums(mask):
-    """Add up 1, i, i^2 and i^3 over the voxels of each row, its (j, k), and the centre (i, j, k) they count from."""
+    """Sum 1, i, i^2 and i^3 over the voxels of each row; returns also the rows' (j, k), and the centre as origin."""
     size = mask.shape[2]
     power = np.vander(np.arange(size) - size / 2, 4, increasing=True)
     sums = mask.reshape(-1, size).astype(float) @ power
@@ -98,7 +98,7 @@ def _row_sums(mask):
 
 
 def _third_moments(directions, sums, rows):
-    """Add up over the voxels the cube of their coordinate along directions (n, 3) of (i, j, k), shape (n,)."""
+    """Sum over the voxels the cube of their coordinate along directions (n, 3) in (i, j, k), shape (n,)."""
     along, across = directions[:, 0, None], directions[:, 1:] @ rows.T
     n, first, second, third = sums.T
     return (along**3 * third + 3 * along**2 * across * second + 3 * along * across**2 * first + across**3 * n).sum(

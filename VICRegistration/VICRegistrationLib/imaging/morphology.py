@@ -1,4 +1,4 @@
-"""Erosion, dilation, holes, pieces and boundaries of voxel masks, with lengths in millimetres."""
+"""Erosion, dilation, filling of holes, largest piece and boundary of voxel masks, with lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy import ndimage
 
 
 def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
-    """Grow a mask by a ball.
+    """Dilate a mask by a ball.
 
     Parameters
     ----------
@@ -16,13 +16,13 @@ def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
         Distance in mm between voxels along i, j and k or, for sheared grids, the matrix whose columns are
         the steps along i, j and k (the upper left block of ``ijk_to_ras``).
     radius_mm : float
-        A voxel is reached from another if their centres lie at most this far apart, so a ball of 2 mm does
-        not cross from one 4 mm slice to the next.
+        A voxel is added if its centre is at most this far from the centre of a voxel of the mask; a ball of 2 mm does
+        not reach from one 4 mm slice to the next.
 
     Returns
     -------
     ndarray of bool, shape (nk, nj, ni)
-        Outside of the array counts as background: nothing grows in from there.
+        Outside of the array counts as background.
 
     Raises
     ------
@@ -31,8 +31,8 @@ def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
 
     Notes
     -----
-    A ball is a stack of runs of voxels along i. The mask dilated by runs of growing length is kept flat in
-    memory, and every run of the ball is one shifted "or" of it.
+    The ball is divided into runs of voxels along i. The flattened mask is dilated by runs of increasing length, and
+    each run of the ball is one "or" with a shifted copy of it.
     """
     runs = _ball_runs(spacing, radius_mm)
     if len(runs) == 1 and runs[0][3] == 1:
@@ -54,19 +54,19 @@ def dilate(mask, spacing, radius_mm: float) -> np.ndarray:
 
 
 def erode(mask, spacing, radius_mm: float) -> np.ndarray:
-    """Shrink a mask by a ball: the opposite of `dilate`, with the same parameters and errors.
+    """Erode a mask by a ball, with the parameters and errors of `dilate`.
 
     Returns
     -------
     ndarray of bool, shape (nk, nj, ni)
-        Outside of the array is unknown and counts as mask, so an organ cut by the border of the volume is not
-        eroded from there. Pad the mask with background if it shall be.
+        Outside of the array counts as mask, so that an organ cut by the border of the volume is not eroded from
+        there. To erode it, pad the mask with background.
     """
     return ~dilate(~np.asarray(mask, dtype=bool), spacing, radius_mm)
 
 
 def fill_holes(mask) -> np.ndarray:
-    """Fill cavities: background that no path along the six face neighbours joins to the array's border.
+    """Fill cavities: background that is not connected with the array's border along face neighbours.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def fill_holes(mask) -> np.ndarray:
 
 
 def largest_piece(mask: np.ndarray) -> np.ndarray:
-    """Keep the largest piece of a mask, of voxels that share faces.
+    """Keep the largest piece of a mask, connected along face neighbours.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ def largest_piece(mask: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of bool
-        The first one of several that are as large; the mask itself where it is empty.
+        The first one of several pieces of the same size; the mask itself if it is empty.
     """
     labels, count = ndimage.label(mask)
     return mask if count < 2 else labels == np.bincount(labels.ravel())[1:].argmax() + 1
 
 
 def boundary_voxels(mask) -> np.ndarray:
-    """Find the voxels of a mask that have a face on its outside, or on the array's border.
+    """Find the voxels of a mask that have a face neighbour outside of it, or lie at the array's border.
 
     Parameters
     ----------
@@ -123,14 +123,14 @@ def boundary_voxels(mask) -> np.ndarray:
 
 
 def ball_reach(spacing, radius_mm: float) -> np.ndarray:
-    """Return how many voxels the ball of `dilate` spans from its centre along k, j and i, shape (3,)."""
+    """Return the largest offset of a voxel in the ball of `dilate` along k, j and i, shape (3,)."""
     runs = _ball_runs(spacing, radius_mm)
     along_i = max(-runs[:, 2].min(), (runs[:, 2] + runs[:, 3]).max() - 1)
     return np.array([*np.abs(runs[:, :2]).max(axis=0), along_i])
 
 
 def _or_shifted(target, source, shift):
-    """Or the source into the target, ``shift`` places back; the padding keeps what wraps round empty."""
+    """Or the source into the target, shifted back by ``shift``; the padding keeps what wraps around empty."""
     if shift > 0:
         target[:-shift] |= source[shift:]
     elif shift < 0:
@@ -140,13 +140,13 @@ def _or_shifted(target, source, shift):
 
 
 def _ball_runs(spacing, radius_mm):
-    """Cut the ball into runs along i: rows of (dk, dj, first di, number of voxels)."""
+    """Divide the ball into runs along i: rows of (dk, dj, first di, number of voxels)."""
     if not (np.isfinite(radius_mm) and radius_mm >= 0):
         msg = f"The radius is {radius_mm} mm; it must be zero or a positive length."
         raise ValueError(msg)
     spacing = np.asarray(spacing, dtype=float)
     steps = np.diag(spacing) if spacing.ndim == 1 else spacing
-    # The tolerance lets a voxel at exactly the radius belong to the ball whatever the rounding of the matrix.
+    # With a tolerance, so that a voxel at exactly the radius belongs to the ball in spite of rounding.
     radius = radius_mm * (1 + 1e-6)
     # Row n of the inverse times the radius bounds index n of every point of the ball.
     reach = np.floor(radius * np.linalg.norm(np.linalg.inv(steps), axis=1)).astype(int)

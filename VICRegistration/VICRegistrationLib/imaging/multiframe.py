@@ -1,4 +1,4 @@
-"""DICOM files with several frames, and DICOM segmentations: by highdicom, an optional package."""
+"""DICOM files with several frames, and DICOM segmentations, read by the optional package highdicom."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SOP_CLASSES = tuple(
     f"1.2.840.10008.5.1.4.1.1.{number}"
     for number in ("4.1", "4.3", "2.1", "130", "13.1.1", "13.1.2", "2.2", "4.4", "128.1", "30")
 )
-# What may distinguish frames at one place, besides the dimensions that the file names, the plainest first.
+# Elements that may distinguish frames at the same position, besides the file's own dimensions, the simplest first.
 _DISTINGUISHING = (
     ("FrameContentSequence", "TemporalPositionIndex"),
     ("FrameContentSequence", "StackID"),
@@ -26,9 +26,9 @@ _DISTINGUISHING = (
     ("MRImageFrameTypeSequence", "ComplexImageComponent"),
     ("FrameContentSequence", "FrameAcquisitionNumber"),
 )
-# Farthest that a frame may be from its place in the grid, mm, as for slices.
+# Largest distance of a frame from its place in the grid, mm, as for slices.
 _MOST_OFF = 0.1
-# Slices farther apart than this, in thicknesses, have others between them.
+# Slices farther apart than this, in thicknesses, have missing slices between them.
 _MOST_THICKNESSES = 1.9
 _PLACING = (
     ("PlanePositionSequence", "ImagePositionPatient", 3),
@@ -38,7 +38,7 @@ _PLACING = (
 
 
 def header_of(name: str) -> dict[str, str]:
-    """Texts of a file's own elements, for files that ITK does not understand.
+    """Read the texts of a file's top-level elements, for files that ITK does not understand.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def header_of(name: str) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        By tags as ITK writes them, "0028|0008"; empty if pydicom is not installed, or does not understand it either.
+        By tags as ITK writes them, "0028|0008"; empty if pydicom is not installed, or cannot read the file either.
     """
     if importlib.util.find_spec("pydicom") is None:
         return {}
@@ -57,14 +57,14 @@ def header_of(name: str) -> dict[str, str]:
         dataset = pydicom.dcmread(name, stop_before_pixels=True)
         texts = [element for element in dataset if element.VR != "SQ"]
         kind = {"0008|0016": str(dataset.file_meta.get("MediaStorageSOPClassUID", ""))}
-    # Of damaged files pydicom raises errors of many kinds, also when a value is looked at.
+    # pydicom raises errors of many types for damaged files, also when a value is accessed.
     except Exception:
         return {}
     return {**kind, **{f"{each.tag.group:04x}|{each.tag.element:04x}": _text(each.value) for each in texts}}
 
 
 def kind_of(sop_class: str) -> str:
-    """Name of a kind of DICOM files, by its UID; empty for none, or if pydicom is not installed."""
+    """Name of a SOP class by its UID; empty if it is unknown or pydicom is not installed."""
     if importlib.util.find_spec("pydicom") is None:
         return ""
     from pydicom.uid import UID
@@ -73,8 +73,8 @@ def kind_of(sop_class: str) -> str:
     return kind.name if kind.is_valid else ""
 
 
-def _of_a_sound_file(function: Callable) -> Callable:
-    """Let a function with a file's name report what pydicom and highdicom raise of damaged ones in a sentence."""
+def _reports_damage(function: Callable) -> Callable:
+    """Decorate a function of a file's name: errors of pydicom and highdicom become one that says it is damaged."""
 
     @functools.wraps(function)
     def checked(name: str, *more):
@@ -89,9 +89,9 @@ def _of_a_sound_file(function: Callable) -> Callable:
     return checked
 
 
-@_of_a_sound_file
+@_reports_damage
 def slices_of(name: str) -> list[Slice]:
-    """Places and properties of all frames of a file.
+    """Make the slices of all frames of a file.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def slices_of(name: str) -> list[Slice]:
     Raises
     ------
     ValueError
-        If highdicom is not installed, a frame has no place, or the file is damaged.
+        If highdicom is not installed, a frame has no position, or the file is damaged.
     """
     _require_highdicom(name)
     import pydicom
@@ -134,7 +134,7 @@ def slices_of(name: str) -> list[Slice]:
 
 
 def frames_of(name: str, numbers: Sequence[int]) -> np.ndarray:
-    """Grey levels of frames, each with its own slope and intercept.
+    """Read the grey levels of frames, with the slope and intercept of each applied.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def frames_of(name: str, numbers: Sequence[int]) -> np.ndarray:
 
     try:
         image = highdicom.imread(name)
-        # As ITK and Slicer show them: neither units of measurement nor inverted greys are applied.
+        # As in ITK and Slicer, neither real-world values nor inverted greys are applied.
         return image.get_frames(
             [number + 1 for number in numbers],
             dtype=np.float32,
@@ -167,9 +167,9 @@ def frames_of(name: str, numbers: Sequence[int]) -> np.ndarray:
         raise ValueError(_not_decoded(name, error)) from error
 
 
-@_of_a_sound_file
+@_reports_damage
 def segments_of(name: str) -> dict[int, str]:
-    """Numbers and names of the segments of a DICOM segmentation.
+    """Return the numbers and names of the segments of a DICOM segmentation.
 
     Parameters
     ----------
@@ -189,9 +189,9 @@ def segments_of(name: str) -> dict[int, str]:
     return {number: str(segmentation.get_segment_description(number).segment_label) for number in numbers}
 
 
-@_of_a_sound_file
+@_reports_damage
 def segment_in(name: str, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Voxels of one segment of a DICOM segmentation.
+    """Read the voxels of one segment of a DICOM segmentation.
 
     Parameters
     ----------
@@ -219,16 +219,16 @@ def segment_in(name: str, number: int) -> tuple[np.ndarray, np.ndarray]:
             raise ValueError(_not_decoded(name, error)) from error
         msg = f"The frames of {name} are not in even steps along their normal, so they are no volume; export it again."
         raise ValueError(msg) from error
-    # Fractions of a voxel count from a half.
+    # Fractional segmentations are thresholded at one half.
     mask = volume.array[..., 0] >= 0.5
-    # highdicom counts slices, rows, columns: the other way round than here.
+    # highdicom has the order slices, rows, columns, which is reversed here.
     matrix = volume.affine[:, [2, 1, 0, 3]]
     _check_places(name, np.linalg.inv(matrix), matrix)
     return mask, matrix
 
 
 def _check_step(segmentation, name: str) -> None:
-    """Refuse a segmentation of which the distance of its slices is not known, as those without voxels are left out."""
+    """Refuse a segmentation with unknown distance of its slices, because slices without voxels may be left out."""
     groups = [*segmentation.get("SharedFunctionalGroupsSequence", []), *segmentation.PerFrameFunctionalGroupsSequence]
     if _element(groups, "PixelMeasuresSequence", "SpacingBetweenSlices"):
         return
@@ -243,7 +243,7 @@ def _check_step(segmentation, name: str) -> None:
 
 
 def _check_places(name: str, lps_to_ijk: np.ndarray, ijk_to_lps: np.ndarray) -> None:
-    """Refuse frames that highdicom has straightened: it tolerates stacks that are tilted by up to 2.5 degrees."""
+    """Refuse frames whose positions highdicom has changed: it straightens stacks tilted by up to 2.5 degrees."""
     places = np.array([each.position for each in slices_of(name)])
     ijk = places @ lps_to_ijk[:3, :3].T + lps_to_ijk[:3, 3]
     off = np.linalg.norm((ijk - np.round(ijk * [0, 0, 1])) @ ijk_to_lps[:3, :3].T, axis=1).max()
@@ -290,7 +290,7 @@ def _not_decoded(name: str, error: Exception) -> str:
 
 
 def _placing(groups: Sequence, name: str, number: int, sequence: str, keyword: str, count: int) -> np.ndarray:
-    """Numbers that place a frame."""
+    """Read the numbers of an element that places a frame."""
     value = _element(groups, sequence, keyword)
     try:
         values = np.array([] if value is None else value, dtype=float)
@@ -307,7 +307,7 @@ def _placing(groups: Sequence, name: str, number: int, sequence: str, keyword: s
 
 
 def _element(groups: Sequence, sequence: str, keyword: str):
-    """Value in the first of the functional groups that has it; None if none has."""
+    """Value in the first of the functional groups that has it, or None."""
     for group in groups:
         for item in group.get(sequence, []):
             if keyword in item:
@@ -321,7 +321,7 @@ def _text(value) -> str:
 
 
 def _dimensions(dataset) -> list[str]:
-    """Names of the dimensions that the file counts its frames by."""
+    """Names of the dimensions by which the file indexes its frames."""
     from pydicom.datadict import keyword_for_tag
 
     pointers = [item.get("DimensionIndexPointer") for item in dataset.get("DimensionIndexSequence", [])]
@@ -329,7 +329,7 @@ def _dimensions(dataset) -> list[str]:
 
 
 def _properties(groups: Sequence, dimensions: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Properties that may distinguish a frame from others at its place."""
+    """Yield properties that may distinguish a frame from others at the same position."""
     for sequence, keyword in _DISTINGUISHING:
         value = _element(groups, sequence, keyword)
         if value is not None:

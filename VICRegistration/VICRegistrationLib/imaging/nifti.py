@@ -1,4 +1,4 @@
-"""NIfTI files, versions 1 and 2, by VTK's reader, each placed by the matrix that it holds."""
+"""NIfTI files, versions 1 and 2, by VTK's reader, placed by their sform or qform."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .library_messages import silent_vtk
 from .volumes import volume_index
 
 ENDINGS = (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz")
-# Types of voxels that are no grey levels: complex numbers, colours.
+# Voxel types that are no grey levels.
 _NOT_GREY = {32: "complex numbers", 1792: "complex numbers", 128: "colours", 2304: "colours"}
-# By the code of its unit: what a length is multiplied by, and its name.
+# Factor to mm and name of a unit, by its code.
 _UNITS = {1: (1e3, "metres"), 3: (1e-3, "micrometres")}
-# Where a single file's voxels begin at the earliest, by version.
+# Smallest offset of the voxels in a single file, by version.
 _EARLIEST = {"n+1": 352, "n+2": 544}
-# Two matrices that put a corner of the image farther apart get a warning, mm; so do spacings that differ by more, as a
-# fraction.
+# A warning is given if sform and qform place a corner of the image farther apart than this, mm, or if spacings differ
+# by more than this fraction.
 _WARNED_MM, _WARNED_SPACING = 0.5, 0.01
-# Sum of the squares of b, c and d, beyond 1, that rounding explains.
+# The sum of the squares of b, c and d may exceed 1 by this, because of rounding.
 _ROTATION = 1e-3
 
 
 def is_nifti(path: Path) -> bool:
-    """Whether a file holds a NIfTI volume, whatever its name is."""
+    """Whether a file holds a NIfTI volume, independent of its name."""
     reader = vtkNIFTIImageReader()
     with silent_vtk():
         if not reader.CanReadFile(str(path)):
@@ -54,14 +54,14 @@ def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, l
     array : (nk, nj, ni) ndarray
         With the file's slope and intercept applied.
     ijk_to_ras : (4, 4) ndarray
-        The sform where its code says that it holds; else the qform; else the spacing alone.
+        The sform if its code is not 0; else the qform; else from the spacing alone.
     notes : list of str
-        What the file leaves open, or contradicts itself in, a sentence each.
+        Warnings about missing or contradictory information, a sentence each.
 
     Raises
     ------
     ValueError
-        If it is no NIfTI file, it is cut short, or it holds no volume of grey levels.
+        If it is no NIfTI file, is truncated, or holds no volume of grey levels.
     """
     reader = vtkNIFTIImageReader()
     reader.SetFileName(str(path))
@@ -72,14 +72,14 @@ def read_nifti(path: Path, frame: int | None) -> tuple[np.ndarray, np.ndarray, l
         _check_error(path, reader.GetErrorCode(), header)
         _check_header(path, header)
         done = reader.GetExecutive().Update()
-        # Where the other half of a pair is missing, VTK says no more than that it has failed.
+        # If the other file of a pair is missing, VTK sets no error code.
         failed = vtkErrorCode.NoError if done else vtkErrorCode.CannotOpenFileError
         _check_error(path, reader.GetErrorCode() or failed, header)
     size = [max(1, header.GetDim(axis)) for axis in (3, 2, 1)]
     levels = vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars()).reshape(*size, -1)
     array = levels[..., volume_index(frame, levels.shape[-1], str(path))]
     if reader.GetQFac() < 0:
-        # VTK has turned the order of the slices round.
+        # VTK has reversed the order of the slices.
         array = array[::-1]
     matrix, notes = _placed(path, header, array.shape)
     return _scaled(array, header), matrix, notes
@@ -109,7 +109,7 @@ def _check_error(path: Path, code: int, header) -> None:
 
 
 def _check_header(path: Path, header) -> None:
-    """Refuse what is no volume of grey levels before its voxels are read."""
+    """Refuse a file without a volume of grey levels, before its voxels are read."""
     if not header.GetMagic() and path.name.lower().endswith(ENDINGS[:2]):
         msg = (
             f"{path} is no NIfTI file, although its name says so (its header lacks the mark n+1); give the file it was "
@@ -127,7 +127,7 @@ def _check_header(path: Path, header) -> None:
         msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
         raise ValueError(msg)
     if min(sizes) < 1:
-        # VTK reads a row of no voxels from nowhere.
+        # VTK would read outside of its memory.
         found = " x ".join(map(str, sizes[:3]))
         msg = f"{path} says that it has {found} voxels, so its header is damaged; copy it again."
         raise ValueError(msg)
@@ -138,7 +138,7 @@ def _check_header(path: Path, header) -> None:
 
 
 def _scaled(array: np.ndarray, header) -> np.ndarray:
-    """Apply the slope and intercept, if there are any."""
+    """Apply slope and intercept, if they are valid and change anything."""
     slope, intercept = header.GetSclSlope(), header.GetSclInter()
     if (
         not header.GetMagic()
@@ -148,7 +148,7 @@ def _scaled(array: np.ndarray, header) -> np.ndarray:
     ):
         return np.ascontiguousarray(array)
     exact = np.float32 if array.dtype.itemsize <= 2 else np.float64
-    # What leaves the range of numbers is refused with its count.
+    # Values that overflow are refused later, with their number.
     with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(exact) * exact(slope) + exact(intercept)
 
@@ -157,7 +157,7 @@ def _scaled(array: np.ndarray, header) -> np.ndarray:
 
 
 def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, list[str]]:
-    """Matrix from voxels to RAS mm, and warnings about it."""
+    """Find the matrix from voxels to RAS mm; returns also warnings about it."""
     scale, unit = _UNITS.get(int(header.GetXYZTUnits()) & 7, (1.0, ""))
     notes = [f"its lengths are in {unit}; they were converted to mm"] if unit else []
     spacing = np.array([header.GetPixDim(axis) for axis in (1, 2, 3)])
@@ -193,7 +193,7 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
         )
         raise ValueError(msg)
     else:
-        # As ITK and Slicer take it.
+        # As in ITK and Slicer.
         matrix = np.diag([*(spacing * [-1, -1, 1]), 1.0])
         notes.append(
             "it does not say where in the patient it is, nor which way its axes point (no sform, no qform); "
@@ -203,7 +203,7 @@ def _placed(path: Path, header, shape: tuple[int, ...]) -> tuple[np.ndarray, lis
 
 
 def _qform(header, spacing: np.ndarray) -> np.ndarray | None:
-    """Matrix of the quaternion, as the standard has it; None if its numbers are no rotation and a place."""
+    """Matrix of the quaternion, as defined by the standard; None if quaternion or offset are invalid."""
     b, c, d = _quaternion(header)
     offset = header.GetQOffsetX(), header.GetQOffsetY(), header.GetQOffsetZ()
     if not (np.isfinite([b, c, d, *offset]).all() and b * b + c * c + d * d < 1.0 + _ROTATION):
@@ -226,12 +226,12 @@ def _sform(header) -> np.ndarray:
 
 
 def _places(matrix: np.ndarray) -> bool:
-    """Whether a matrix places voxels."""
+    """Whether a matrix is finite and invertible."""
     return bool(np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix[:3, :3]) == 3)
 
 
 def _about_sform(matrix, qform, spacing, shape) -> list[str]:
-    """Collect what contradicts the sform."""
+    """Collect warnings about spacings or a qform that contradict the sform."""
     steps = np.linalg.norm(matrix[:3, :3], axis=0)
     notes = []
     if not np.allclose(steps, spacing, rtol=_WARNED_SPACING, atol=0.0):

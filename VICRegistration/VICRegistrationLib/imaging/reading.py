@@ -1,4 +1,4 @@
-"""Images from and to files: LPS on disk, RAS in memory."""
+"""Reading and writing of images: LPS in files, RAS in memory."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from .library_messages import itk_warnings, one_line
 from .volumes import volume_index
 
 LPS_TO_RAS = np.diag([*RAS_TO_LPS, 1.0])
-# Formats that keep a volume in one file, so that replacing the file replaces the volume at once.
+# Formats with the whole volume in one file, so that it can be replaced in one step.
 _WRITABLE = (".nii.gz", ".nii", ".nrrd", ".mha")
-# Axes that are farther from perpendicular get a warning, degrees: more than the noise of rotations in NIfTI files.
-_TOLD_DEGREES = 0.2
-# A volume whose longest side is within these, with voxels as fine as this, mm, gets a warning: scanners of patients
-# have pixels of 0.2 mm and more, and a pelvis in centimetres is 20 to 50 long. Shorter ones are refused by a fit.
+# A warning is given if axes are farther from perpendicular than this, degrees: more than rounding in NIfTI files.
+_SHEAR_DEGREES = 0.2
+# A warning is given if the longest side is within the first limits, mm, and voxels are smaller than the second:
+# scanners of patients have pixels of 0.2 mm and more, and the longest side of a pelvis in centimetres is 20 to 50.
+# Smaller volumes are refused by a fit.
 _SMALL_MM, _FINE_MM = (4.0, 60.0), 0.15
-# ITK's names of the formats that are placed as they say, besides NIfTI and DICOM, and of pictures.
+# ITK's names of the formats, besides NIfTI and DICOM, whose position ITK reads correctly.
 _VOLUMES = ("NrrdImageIO", "MetaImageIO", "VTKImageIO", "GiplImageIO", "HDF5ImageIO")
-# Those of them that ITK fills up where the data end too soon.
+# Those of them of which ITK reads a truncated file without an error.
 _UNNOTICED = ("VTKImageIO", "GiplImageIO")
 _ARCHIVES = (".zip", ".7z", ".rar", ".tar", ".tgz", ".mrb")
 _PICTURES = tuple(f"{name}ImageIO" for name in ("BMP", "BioRad", "JPEG", "JPEG2000", "LSM", "PNG", "TIFF"))
@@ -45,12 +46,12 @@ def read_image(
     path : path-like
         File or folder.
     series : str, optional
-        Which DICOM series of the folder to take: its UID, description or number, if there are several.
+        Which DICOM series of the folder to take, if there are several: its UID, description or number.
     frame : int, optional
-        Which volume to take, from 1, where there are several: time points, echoes, values of a voxel.
+        Which volume to take, from 1, if there are several: time points, echoes, components of a voxel.
     warn : callable, optional
-        Gets a sentence for everything that the file leaves open or contradicts itself in. By default they are Python's
-        warnings.
+        Called with a sentence for every missing or contradictory information in the file. By default, Python's warnings
+        are issued.
 
     Returns
     -------
@@ -60,8 +61,8 @@ def read_image(
     Raises
     ------
     ValueError
-        If there is nothing at `path`, it cannot be read, or it is not one grey-level volume whose place is known; the
-        sentence names the cause and the way out.
+        If `path` does not exist, cannot be read, or is not one grey-level volume with a known position; the message
+        names the cause and a remedy.
     OSError
         If the file or folder may not be read.
 
@@ -85,7 +86,7 @@ def read_image(
         msg = f"--series was given, but {path} is a file; give the folder of the DICOM slices instead."
         raise ValueError(msg)
     try:
-        with itk_warnings() as complaints:
+        with itk_warnings() as warned:
             array, matrix, notes = _read(path, series, frame)
     except OSError as error:
         msg = f"{path} cannot be read ({reason(error)}); give a file or folder that may be read."
@@ -95,17 +96,19 @@ def read_image(
     except ValueError as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from None
-    for text in [*notes, *_about_shear(image), *_about_scale(image), *complaints]:
+    for text in [*notes, *_about_shear(image), *_about_scale(image), *warned]:
         (warn or warnings.warn)(text if str(path) in text else f"{path}: {text}")
     return image
 
 
 def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Voxels, matrix to RAS mm, and warnings."""
+    """Read the voxels, the matrix to RAS mm, and warnings."""
     kind = "" if path.is_dir() else sitk.ImageFileReader().GetImageIOFromFileName(str(path))
     if path.is_dir() or kind == "GDCMImageIO" or dicom.is_dicom(path):
-        read = dicom.read_file(path, frame) if path.is_file() else dicom.read_series(path, series, frame)
-        array, matrix, notes = read
+        if path.is_dir():
+            array, matrix, notes = dicom.read_series(path, series, frame)
+        else:
+            array, matrix, notes = dicom.read_file(path, frame)
         return array, LPS_TO_RAS @ matrix, notes
     if not path.stat().st_size:
         msg = f"{path} cannot be read as an image (it is empty); copy or download it again, completely."
@@ -116,7 +119,7 @@ def _read(path: Path, series: str | None, frame: int | None) -> tuple[np.ndarray
 
 
 def read_header(path) -> tuple[dict[str, str], int]:
-    """Read what a file says of its image, without its voxels.
+    """Read the header of an image file.
 
     Parameters
     ----------
@@ -126,9 +129,9 @@ def read_header(path) -> tuple[dict[str, str], int]:
     Returns
     -------
     texts : dict of str to str
-        Texts of the header by their keys; none if the file cannot be read.
+        Texts of the header by their keys; empty if the file cannot be read.
     count : int
-        Volumes in it: values of a voxel, or frames.
+        Number of volumes: components of a voxel times frames.
     """
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
@@ -154,7 +157,7 @@ def write_image(image: Image, path) -> None:
     Raises
     ------
     ValueError
-        If the ending is none of these, or the image's axes are not perpendicular (files cannot say so).
+        If the ending is none of these, or the image's axes are not perpendicular, which files cannot represent.
     OSError
         If the folder does not exist or cannot be written to, or the disk is full.
     """
@@ -176,17 +179,17 @@ def write_image(image: Image, path) -> None:
 
 
 def _about_shear(image: Image) -> list[str]:
-    """Sentence about axes that are not perpendicular."""
+    """Warn of axes that are not perpendicular."""
     directions = image.ijk_to_ras[:3, :3] / image.spacing
     cosine = np.abs((directions.T @ directions)[np.triu_indices(3, 1)]).max()
     away = np.degrees(np.arcsin(min(1.0, cosine)))
-    if away < _TOLD_DEGREES:
+    if away < _SHEAR_DEGREES:
         return []
     return [f"its axes are {away:.1f} degrees from perpendicular (a tilted gantry?); it is placed as it says"]
 
 
 def _about_scale(image: Image) -> list[str]:
-    """Sentence about lengths that are probably in centimetres."""
+    """Warn of lengths that are probably in centimetres."""
     longest = float((image.size * image.spacing).max())
     if not _SMALL_MM[0] <= longest < _SMALL_MM[1] or image.spacing.min() >= _FINE_MM:
         return []
@@ -209,7 +212,7 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
         msg = f"{path} is an archive; unpack it, and give the image file or the folder of DICOM slices that is in it."
         raise ValueError(msg)
     if kind and kind not in _VOLUMES:
-        # Of MINC files, for one, ITK turns left and right, and front and back over.
+        # ITK reads MINC files, for example, with left and right, and front and back exchanged.
         msg = (
             f"{path} is of a format ({kind.replace('ImageIO', '')}) of which ITK does not know the place in the "
             "patient for certain; convert it to NIfTI or NRRD with a program of that format."
@@ -239,14 +242,14 @@ def _read_by_itk(path: Path, kind: str, frame: int | None) -> tuple[np.ndarray, 
 
 
 def _check_size(size: tuple[int, ...], path: Path) -> None:
-    """Refuse what is one slice, before its voxels are read."""
+    """Refuse a single slice, before its voxels are read."""
     if len(size) < 3 or size[2] == 1:
         msg = f"{path} holds a single slice; a surface needs several slices, so choose the whole volume."
         raise ValueError(msg)
 
 
 def _check_length(path: Path, kind: str, array: np.ndarray, reader: sitk.ImageFileReader) -> None:
-    """Refuse a file whose voxels end too soon, of the formats in which ITK does not notice it."""
+    """Refuse a truncated file of the formats of which ITK reads it without an error."""
     if kind not in _UNNOTICED:
         return
     count = int(np.prod(reader.GetSize())) * reader.GetNumberOfComponents()
@@ -264,7 +267,7 @@ def _check_length(path: Path, kind: str, array: np.ndarray, reader: sitk.ImageFi
 
 
 def _chosen(reader: sitk.ImageFileReader, frame: int | None, path: Path) -> sitk.Image:
-    """Take the volume that is meant out of a file with several values in a voxel, or several frames."""
+    """Read the chosen volume of a file with several components of a voxel, or several frames."""
     components, frames = reader.GetNumberOfComponents(), int(np.prod(reader.GetSize()[3:]))
     count = components * frames
     if not count:
@@ -310,7 +313,7 @@ def _to_sitk(image):
 
 
 def _check_written(path, volume):
-    """Read the file back: some of ITK's writers do not notice that the disk is full."""
+    """Read the file back, because some of ITK's writers do not report a full disk."""
     msg = "the file is not complete"
     try:
         written = sitk.ReadImage(str(path))

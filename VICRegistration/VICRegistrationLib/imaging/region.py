@@ -15,8 +15,8 @@ from .image import Image, as_image
 from .morphology import fill_holes
 from .resampling import resampled
 
-# Share of a label beside its largest piece. In labels of experts, stray voxels are up to 0.002 of it, and what an empty
-# slice cuts off is from 0.017 to 0.58.
+# Share of a label outside of its largest piece from which on it is reported. In labels of experts, stray voxels have up
+# to 0.002 of it, and parts that an empty slice cuts off have 0.017 to 0.58.
 _STRAY_SHARE = 0.005
 _FACES = (("k-", "k+"), ("j-", "j+"), ("i-", "i+"))
 
@@ -36,12 +36,12 @@ class Region:
     threshold : tuple of 2 float or None
         Lowest and highest grey level of the organ; None if the mask was given.
     touches_border : tuple of str
-        Faces of the volume that the organ touches, out of "k-", "k+", "j-", "j+", "i-" and "i+": there it may
-        go on outside.
+        Faces of the volume that the organ touches, out of "k-", "k+", "j-", "j+", "i-" and "i+"; it may continue
+        beyond them.
     erosion : float or None
         Radius of the erosion in mm; None if the mask was given.
     diagnostics : tuple of Diagnostic
-        What looks wrong with the region; empty if nothing does.
+        Warnings about the region.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Region:
 
     @property
     def border_area(self) -> float:
-        """Area with which the region lies at the border of its image, mm^2."""
+        """Area of the region's faces at the border of its image, mm^2."""
         steps, area = self.ijk_to_ras[:3, :3], 0.0
         for face in self.touches_border:
             axis = "ijk".index(face[0])
@@ -94,7 +94,7 @@ class Region:
 
 
 def region_from_mask(image: Image | str | os.PathLike, mask, *, largest_component: bool = False) -> Region:
-    """Take a region from a segmentation on the image's grid.
+    """Make a region from a segmentation on the image's grid.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def region_from_mask(image: Image | str | os.PathLike, mask, *, largest_componen
     mask : ndarray, shape (nk, nj, ni)
         Voxels other than zero belong to the organ.
     largest_component : bool
-        Keep only the largest component (six face neighbours); others that are more than stray voxels are reported in
+        Keep only the largest component (face neighbours); others that are more than stray voxels are reported in
         ``diagnostics``.
 
     Returns
@@ -144,23 +144,20 @@ def region_from_mask(image: Image | str | os.PathLike, mask, *, largest_componen
     if not mask.any():
         msg = "The mask is empty; it must hold the organ's voxels. Choose another segment or label."
         raise ValueError(msg)
-    start = np.zeros(3, dtype=int)
-    if not largest_component:
-        return region_from_crop(image, mask, start, fill=False)
-    mask, diagnostics = _largest_piece(mask)
-    return replace(region_from_crop(image, mask, start, fill=False), diagnostics=diagnostics)
+    mask, diagnostics = _largest_piece(mask) if largest_component else (mask, ())
+    return replace(region_from_crop(image, mask, np.zeros(3, dtype=int), fill=False), diagnostics=diagnostics)
 
 
 def region_from_label(image: Image | str | os.PathLike, label: Image | str | os.PathLike) -> Region:
-    """Take a region from a label on any grid: the voxels of the image of which it holds at least a half.
+    """Make a region from a label on any grid: the image's voxels where the interpolated label is at least one half.
 
     Parameters
     ----------
     image : Image or path
         The grey levels.
     label : Image or path
-        Voxels other than zero belong to the organ, see :func:`.labels.read_label`. Its largest piece counts; others
-        that are more than stray voxels are reported in ``diagnostics``.
+        Voxels other than zero belong to the organ, see :func:`.labels.read_label`. Only the largest piece is taken;
+        others that are more than stray voxels are reported in ``diagnostics``.
 
     Returns
     -------
@@ -207,7 +204,7 @@ def region_from_label(image: Image | str | os.PathLike, label: Image | str | os.
 
 
 def _largest_piece(mask: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...]]:
-    """Take the largest of the pieces of a label, and report the others if they are no stray voxels."""
+    """Take the largest piece of a label, and report the others if they are more than stray voxels."""
     pieces, count = ndimage.label(mask)
     sizes = np.bincount(pieces.ravel())[1:]
     left_out = 1.0 - sizes.max() / sizes.sum()
@@ -217,7 +214,7 @@ def _largest_piece(mask: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...]
 
 
 def region_from_crop(image, mask, start, *, fill, threshold=None, erosion=None):
-    """Make a region of a mask whose first voxel is voxel `start` (k, j, i) of the image."""
+    """Make a region from a mask whose first voxel is voxel `start` (k, j, i) of the image."""
     shape = np.array(image.array.shape)
     first, last = bounds(mask)
     low = np.maximum(start + first - 1, 0)

@@ -1,4 +1,4 @@
-"""An image on another grid, and the distance from the boundary of a mask: ITK's filters on the project's images."""
+"""Resampling of an image on another grid, and signed distances from the boundary of a mask, by ITK."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def resampled(image: Image, ijk_to_ras: np.ndarray, size: np.ndarray) -> Image:
     Returns
     -------
     Image
-        Of floating point numbers; 0 where a voxel's centre lies outside of the image's outer faces, as
-        :class:`.sampling.Sampler` has it.
+        Of floating point numbers; 0 if a voxel's centre lies outside of the image's outer faces, as with
+        :class:`.sampling.Sampler`.
     """
     array = image.array.view(np.uint8) if image.array.dtype == bool else image.array
-    # Both grids as indices, so that ITK's own frame and its limits on directions play no part.
+    # In indices of both grids, because ITK allows no sheared directions.
     between = image.ras_to_ijk @ ijk_to_ras
     filter_ = sitk.ResampleImageFilter()
     filter_.SetSize([int(count) for count in size])
@@ -40,7 +40,7 @@ def resampled(image: Image, ijk_to_ras: np.ndarray, size: np.ndarray) -> Image:
 
 
 def signed_distances(mask: np.ndarray, step: float) -> np.ndarray:
-    """Distance of every voxel's centre from the boundary of a mask, on a grid of cubes.
+    """Signed distance of every voxel's centre from the boundary of a mask, on a grid of cubes.
 
     Parameters
     ----------
@@ -52,17 +52,17 @@ def signed_distances(mask: np.ndarray, step: float) -> np.ndarray:
     Returns
     -------
     (k, j, i) ndarray
-        Negative inside, mm; half a voxel less than to the nearest centre on the other side, where the boundary is.
+        mm, negative inside: the distance from the nearest centre on the other side, minus half a voxel.
     """
-    distances = _reach(mask) - 0.5
-    # Depths are the same without all but one layer of the background.
+    distances = _outside_distances(mask) - 0.5
+    # Distances inside need only one layer of background around the mask.
     box = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in ndimage.find_objects(mask.view(np.uint8))[0])
-    distances[box] = np.where(mask[box], 0.5 - _reach(~mask[box]), distances[box])
+    distances[box] = np.where(mask[box], 0.5 - _outside_distances(~mask[box]), distances[box])
     return step * distances
 
 
-def _reach(mask: np.ndarray) -> np.ndarray:
-    """Distance of the voxels outside of a mask from the nearest one in it, 0 in it, in voxels."""
+def _outside_distances(mask: np.ndarray) -> np.ndarray:
+    """Distance of the voxels outside of a mask from the nearest one inside, in voxels; 0 inside."""
     volume = sitk.GetImageFromArray(mask.view(np.uint8))
     found = sitk.SignedMaurerDistanceMap(volume, insideIsPositive=False, squaredDistance=False)
     return np.maximum(sitk.GetArrayFromImage(found), 0.0)

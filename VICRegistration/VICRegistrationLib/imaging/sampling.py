@@ -1,4 +1,4 @@
-"""Grey levels and their gradients at any points of the world."""
+"""Interpolation of grey levels and their gradients at RAS points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from .image import Image
 
-# Points are treated in blocks whose temporaries stay in the processor's cache.
+# Points are processed in blocks whose temporary arrays fit into the processor's cache.
 _BLOCK = 16384
 
 
@@ -26,7 +26,7 @@ class Sampler:
 
     def __init__(self, image: Image):
         self.image = image
-        # The voxels' own type, turned into numbers after the look-up: exact, and no copy of the volume.
+        # In the voxels' own type, converted after the look-up, so that the volume is not copied.
         self._data = np.ascontiguousarray(image.array).ravel()
         self._ras_to_ijk = image.ras_to_ijk
         self._size = image.size
@@ -86,7 +86,7 @@ class Sampler:
         return values.reshape(shape), gradients, valid.reshape(shape)
 
     def _locate(self, points):
-        """Split points into cells and fractions, both (3, n); slope is False where the index is clamped."""
+        """Split points into cells and fractions, both (3, n); slope is False where the index was clamped."""
         matrix = self._ras_to_ijk
         with np.errstate(invalid="ignore", over="ignore"):
             index = matrix[:3, :3] @ points.T + matrix[:3, 3:]

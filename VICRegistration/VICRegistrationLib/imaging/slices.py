@@ -1,10 +1,10 @@
-"""Images of a stack and the grid that their positions make, or the reason why they make none.
+"""Slices of a DICOM series, and the regular grid of their positions, or the reason why there is none.
 
-Nothing is taken from names, numbers or thicknesses: slices are a volume if they have one orientation and one pixel
+Names, instance numbers and thicknesses are not used: slices are a volume if they have one orientation and one pixel
 spacing, and their positions lie on a line in even steps. The line may be inclined to the slices (a tilted gantry).
 
-highdicom makes volumes of series too, but it names no cause where it refuses one, and straightens stacks that are
-tilted by up to 2.5 degrees, which moves the end of 100 mm by 4 mm. It decodes frames here.
+highdicom makes volumes of series too, but it gives no reason when it refuses one, and it straightens stacks that are
+tilted by up to 2.5 degrees, which moves the end of a stack of 100 mm by 4 mm. So it is only used to decode frames.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import numpy as np
 
 from .volumes import volume_index
 
-# Scanners write positions with two digits or more: what is farther off than this was not acquired there. A slice that
-# is missing shows as a fifth of a step or more.
+# Largest distance of a slice from its place in the grid, mm and steps. Scanners write positions with two digits or
+# more, and a missing slice causes distances of a fifth of a step or more.
 _MOST_MM, _MOST_STEPS = 0.1, 0.1
-# Two images nearer than this are at one place, mm.
+# Images closer than this along the normal are at the same place, mm.
 _SAME_PLACE = 0.01
-# Largest difference of direction cosines within one orientation, and from perpendicular unit vectors.
+# Largest difference of direction cosines within one orientation, and largest deviation from perpendicular unit vectors.
 _SAME_DIRECTION, _PERPENDICULAR = 1e-3, 1e-2
 _SAME_SPACING = 1e-3
 _PLANES = ("sagittal", "coronal", "axial")
 _OTHER_SERIES = "Choose another series, or put the images that belong together into a folder of their own."
-# So many values are listed before the rest is only counted.
+# Largest number of values listed in a message.
 _LISTED = 6
 
 
@@ -40,15 +40,15 @@ class Slice:
     position : (3,) ndarray
         Centre of its first pixel, LPS mm.
     orientation : (6,) ndarray
-        Directions along its rows and along its columns (LPS), as DICOM's ImageOrientationPatient has them.
+        Directions along its rows and along its columns (LPS), as in DICOM's ImageOrientationPatient.
     spacing : (2,) ndarray
-        Distance of its rows and of its columns, mm, as DICOM's PixelSpacing has them.
+        Distance between rows and between columns, mm, as in DICOM's PixelSpacing.
     shape : (int, int)
         Number of rows and columns.
     source : (str, int)
         File, and number in the file from 0.
     properties : dict of str to str
-        What may distinguish it from other images at its place: echo time, time point and so on.
+        Properties that may distinguish it from other images at the same place: echo time, time point and so on.
     """
 
     position: np.ndarray
@@ -66,33 +66,33 @@ class Slice:
 
     @property
     def plane(self) -> str:
-        """The plane of the body that it is nearest to."""
+        """The nearest plane of the body."""
         return _PLANES[int(np.argmax(np.abs(self.normal)))]
 
 
 def stacked(slices: Sequence[Slice], what: str, frame: int | None = None) -> tuple[list[Slice], np.ndarray]:
-    """Put slices in the order of their positions, and work out the grid that they make.
+    """Sort slices by their positions, and find their regular grid.
 
     Parameters
     ----------
     slices : sequence of Slice
         In any order.
     what : str
-        What they are, for messages: "the DICOM series in FOLDER".
+        Name for messages, such as "the DICOM series in FOLDER".
     frame : int, optional
-        Which volume to take, from 1, where there are several (time points, echoes, orientations).
+        Which volume to take, from 1, if there are several (time points, echoes, orientations).
 
     Returns
     -------
     slices : list of Slice
-        Those of one volume, along their normal.
+        Those of one volume, sorted along their normal.
     ijk_to_lps : (4, 4) ndarray
         Takes column, row and number of the slice to LPS mm.
 
     Raises
     ------
     ValueError
-        If they are no volume; the sentence names the cause and the way out.
+        If they are no volume; the message names the cause and a remedy.
     """
     _check_directions(slices, what)
     volumes, why = _volumes(slices, what)
@@ -106,7 +106,7 @@ def stacked(slices: Sequence[Slice], what: str, frame: int | None = None) -> tup
 
 
 def _check_directions(slices: Sequence[Slice], what: str) -> None:
-    """Refuse directions and pixel spacings that are none."""
+    """Refuse directions that are not perpendicular unit vectors, and pixel spacings that are not positive."""
     for each in slices:
         along = each.orientation.reshape(2, 3)
         if np.abs(along @ along.T - np.eye(2)).max() > _PERPENDICULAR or not np.all(each.spacing > 0.0):
@@ -136,7 +136,7 @@ def _check_alike(slices: Sequence[Slice], what: str) -> None:
 
 
 def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str]:
-    """Take apart what cannot be one volume; and what there is several of, in words."""
+    """Divide slices that cannot be one volume; returns also a description of the volumes, for a message."""
     oriented = _by_orientation(slices)
     if len(oriented) == 1:
         return _at_places(slices, what)
@@ -151,14 +151,14 @@ def _volumes(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str
         try:
             found += _at_places(group, what)[0]
         except ValueError:
-            # It is no volume, which is reported if it is chosen.
+            # The error is raised again if this group is chosen.
             found.append(group)
     planes = _listed([f"{len(group)} {group[0].plane}" for group in oriented])
     return found, f"images of {len(oriented)} orientations (a localizer?): {planes}"
 
 
 def _at_places(slices: Sequence[Slice], what: str) -> tuple[list[list[Slice]], str]:
-    """Take images of one orientation apart that are at one place."""
+    """Divide images of one orientation into volumes with one image at each place; as `_volumes`."""
     _check_alike(slices, what)
     places = _places(slices)
     most = max(map(len, places))
@@ -203,7 +203,7 @@ def _by_orientation(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def _places(slices: Sequence[Slice]) -> list[list[Slice]]:
-    """Slices that lie in one plane, along their normal."""
+    """Group slices that lie in the same plane, sorted along their normal."""
     heights = np.array([each.position for each in slices]) @ slices[0].normal
     order = np.argsort(heights, kind="stable")
     starts = np.flatnonzero(np.diff(heights[order]) > _SAME_PLACE) + 1
@@ -211,7 +211,7 @@ def _places(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def _distinguishing(places: list[list[Slice]], most: int) -> tuple[str, ...]:
-    """Find what distinguishes the images of a place, alike at all places: one property, or two together."""
+    """Find one property, or two together, whose values distinguish the images at each place in the same way."""
     names = list(dict.fromkeys(name for place in places for each in place for name in each.properties))
     for size in (1, 2):
         for key in itertools.combinations(names, size):
@@ -222,7 +222,7 @@ def _distinguishing(places: list[list[Slice]], most: int) -> tuple[str, ...]:
 
 
 def _value(each: Slice, key: tuple[str, ...]) -> tuple[tuple[float, str], ...]:
-    """Values of properties; numbers are in the order of numbers."""
+    """Values of properties as keys for sorting, numbers in numerical order."""
     return tuple(_sortable(each.properties.get(name, "")) for name in key)
 
 
@@ -241,7 +241,7 @@ def _number(each: Slice) -> tuple[tuple[float, str], int]:
 
 
 def _grid(slices: Sequence[Slice], what: str) -> tuple[list[Slice], np.ndarray]:
-    """Order slices of one orientation, one at each place, and fit a line in even steps to their positions."""
+    """Sort slices of one orientation, one at each place, and fit a line with even steps to their positions."""
     normal = slices[0].normal
     places = _places(slices)
     ordered = [each for place in places for each in place]
@@ -280,13 +280,13 @@ def _grid(slices: Sequence[Slice], what: str) -> tuple[list[Slice], np.ndarray]:
 
 
 def _about_uneven(heights: np.ndarray, what: str) -> str:
-    """Sentence about slices that are not in even steps."""
+    """Make the message about slices that are not in even steps."""
     gaps = np.diff(heights)
     steps = gaps / gaps.min()
     apart = f"{_capital(what)} holds slices that are {gaps.min():.2f} to {gaps.max():.2f} mm apart"
     missing = int(np.round(steps).sum()) - len(gaps)
-    # Most gaps are alike, and the others a multiple of them. More slices than there are would hardly be missing: images
-    # of several time points that are a little apart, rather.
+    # Slices are missing if most gaps are equal and the others are multiples of them. If more slices would be missing
+    # than there are, these are rather images of several time points at slightly different places.
     usual = np.sort(steps)[(len(steps) - 1) // 2]
     multiples = max(usual - 1.0, np.abs(steps - np.round(steps)).max()) < _MOST_STEPS
     if multiples and 0 < missing <= len(heights):
@@ -294,11 +294,11 @@ def _about_uneven(heights: np.ndarray, what: str) -> str:
     return f"{apart}; even distances are needed. Choose another series, or resample this one to even steps."
 
 
-# ------------------------------------------------------------------ words
+# ------------------------------------------------------------------ messages
 
 
 def _capital(what: str) -> str:
-    """Begin a sentence, but not with another file name."""
+    """Capitalise the name at the beginning of a sentence, unless it is a file name."""
     return what[0].upper() + what[1:] if what.startswith(("the ", "frame ")) else what
 
 

@@ -1,4 +1,4 @@
-"""What the headers of NRRD, MetaImage and VTK files say of a grid: ITK takes 1 mm and 0 for what they leave out."""
+"""Checks of NRRD, MetaImage and VTK headers, because ITK fills in defaults for a missing spacing or origin."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-# Longest header that is looked through; Slicer's segmentations have some hundred kB.
+# Largest part of a file that is searched for the header; Slicer's segmentations have headers of some hundred kB.
 _MOST_BYTES = 1 << 20
 _VECTOR = re.compile(r"\([^)]*\)|none", re.IGNORECASE)
 _SIDES = {"left", "right", "anterior", "posterior", "superior", "inferior"}
 _SHORT_SPACES = {"lps", "ras", "las", "lpst"}
-# ITK leaves the axes of these as they are, and takes them for left, posterior and superior.
+# ITK does not convert these spaces, and takes their axes for left, posterior and superior.
 _NOT_TURNED = {"rast", "last", "right-anterior-superior-time", "left-anterior-superior-time"}
 _MILLIMETRES = {"", "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
 _META_DIRECTIONS, _META_ORIGINS = {"transformmatrix", "rotation", "orientation"}, {"offset", "origin", "position"}
-# Fields that ITK reads only below NDims.
+# Fields that ITK reads only after NDims.
 _META_SIZED = {"dimsize", "centerofrotation", *_META_DIRECTIONS, *_META_ORIGINS, "elementspacing", "elementsize"}
-# What ITK reports of a file that it cannot read, and the cause in words.
+# ITK's messages about files that it cannot read, and their causes in words.
 _CAUSES = (
     (r"fread got only|expected \d+ bytes but received|trouble with inflate", "its data end too soon"),
     ("valid space dimension", "its header has directions, an origin or units above its space, or without one"),
@@ -28,14 +28,14 @@ _CAUSES = (
     ("determinant is 0", "two of its axes have one direction"),
 )
 _META_DISTANCES, _MOST_AXES = {"elementspacing", "elementsize"}, 6
-# How far the length of a direction may be from 1: some programs write three digits.
+# Largest deviation of a direction's length from 1; some programs write three digits.
 _UNIT = 5e-3
 _NO_AXES = "which way its axes point; they were taken as left, posterior and superior, as ITK and 3D Slicer do"
 _NO_ORIGIN = "where its first voxel is; that was taken as 0, 0, 0"
 
 
 def notes_about(path: Path, kind: str) -> list[str]:
-    """Check that a file gives the distances of its voxels, and collect what else it leaves out.
+    """Check that a file gives the distances of its voxels, and collect warnings about other missing information.
 
     Parameters
     ----------
@@ -64,18 +64,18 @@ def notes_about(path: Path, kind: str) -> list[str]:
 
 
 def check_numbers(path: Path, kind: str) -> None:
-    """Refuse a header whose numbers ITK would take for others, or break off at: too few of them, or texts.
+    """Refuse a header with too few numbers, or texts in place of numbers, which ITK would misread.
 
     Parameters
     ----------
     path : Path
     kind : str
-        As of `notes_about`.
+        As in `notes_about`.
 
     Raises
     ------
     ValueError
-        If a number that sizes or places the voxels is missing, or is none.
+        If a number for size or position of the voxels is missing or invalid.
     """
     head = _head(path)
     if kind == "MetaImageIO":
@@ -100,20 +100,20 @@ def check_numbers(path: Path, kind: str) -> None:
 
 
 def cause(path: Path, kind: str, error: str) -> str:
-    """Name the cause why ITK cannot read a file, where it can be found out.
+    """Find the cause why ITK cannot read a file.
 
     Parameters
     ----------
     path : Path
     kind : str
-        As of `notes_about`.
+        As in `notes_about`.
     error : str
-        What ITK reports, several lines.
+        ITK's report, several lines.
 
     Returns
     -------
     str
-        Without a capital and a full stop; empty if it is not known.
+        Without a capital and a full stop; empty if it is unknown.
     """
     head = _head(path)
     named = re.search(r"^(?:ElementDataFile *=|data ?file:)(.*)$", head, re.M | re.I)
@@ -131,7 +131,7 @@ def cause(path: Path, kind: str, error: str) -> str:
 
 
 def _meta_cause(head: str) -> str:
-    """Name the cause of ITK's only report about a MetaImage file: that it cannot be read."""
+    """Find the cause if ITK only reports that a MetaImage file cannot be read."""
     fields = re.findall(r"^\s*(\w+)\s*=", head.split("ElementDataFile", maxsplit=1)[0], re.M)
     late = [field for field in fields[: fields.index("NDims")] if field.lower() in _META_SIZED]
     if late:
@@ -143,7 +143,7 @@ def _about_nrrd(path: Path, head: str) -> list[str]:
     fields = _fields(r"^([^:#\n]+):(?!=)(.*)$", re.split(r"\r?\n\r?\n", head, maxsplit=1)[0])
     vectors = [each.lower() for each in _VECTOR.findall(fields.get("space directions", ""))]
     distances = [text for text in fields.get("spacings", "").split() if text.lower() != "nan"]
-    # One axis of four may count values of a voxel.
+    # One axis of four may be the components of a voxel.
     if len(vectors) - vectors.count("none") < 3 and len(distances) < 3:
         raise ValueError(_no_distances(path, "space directions"))
     kinds = fields.get("kinds", "").lower().split()
@@ -174,7 +174,7 @@ def _about_meta(path: Path, head: str) -> list[str]:
 
 
 def _left_open(has_axes: bool, has_origin: bool) -> list[str]:
-    """Sentence about what places an image and is left out."""
+    """Warn of missing axes or origin."""
     missing = [text for text, given in ((_NO_AXES, has_axes), (_NO_ORIGIN, has_origin)) if not given]
     return [f"it does not say {text}" for text in missing]
 
@@ -190,7 +190,7 @@ def _head(path: Path) -> str:
 
 
 def _numbers(text: str) -> list[float]:
-    """Numbers of a text; NaN for a word that is none."""
+    """Convert the words of a text to numbers; NaN for a word that is no number."""
     numbers = []
     for word in text.split():
         try:
@@ -214,7 +214,7 @@ def _no_distances(path: Path, field: str) -> str:
 
 
 def notes_about_directions(directions: np.ndarray, spacing: np.ndarray) -> list[str]:
-    """Report directions that are not of length 1, as they scale the distances of the voxels.
+    """Warn of directions whose length is not 1, because they scale the distances of the voxels.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def notes_about_directions(directions: np.ndarray, spacing: np.ndarray) -> list[
     """
     lengths = np.linalg.norm(directions, axis=0)
     cosines = (directions.T @ directions)[np.triu_indices(3, 1)]
-    # Sheared axes are told of already.
+    # Sheared axes have a warning of their own.
     if np.abs(lengths - 1.0).max() <= _UNIT or np.abs(cosines).max() > _UNIT:
         return []
     sizes = (lengths, spacing, lengths * spacing)
@@ -242,7 +242,7 @@ def notes_about_directions(directions: np.ndarray, spacing: np.ndarray) -> list[
 
 
 def check_spacing(path: Path, spacing: np.ndarray) -> None:
-    """Refuse a distance of voxels that is none.
+    """Refuse a voxel spacing that is not positive.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which volume is meant, where a file or a series holds several."""
+"""Choice of one volume from a file or a series with several."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ class SeveralVolumes(ValueError):
     Parameters
     ----------
     found : str
-        A sentence without its full stop: what there is.
+        Sentence that lists them, without its full stop.
     way_out : str
-        What to do, as it follows the sentence.
+        Continuation of the message: what to do.
     """
 
     def __init__(self, found: str, way_out: str) -> None:
@@ -22,16 +22,16 @@ class SeveralVolumes(ValueError):
 
 
 def volume_index(frame: int | None, count: int, what: str, found: str = "") -> int:
-    """Index of the volume that is meant.
+    """Return the index of the chosen volume.
 
     Parameters
     ----------
     frame : int, optional
         Its number from 1.
     count : int
-        How many there are.
+        Number of volumes.
     what : str
-        What holds them, for messages.
+        The file or series, for messages.
     found : str
         Sentence about them, without its full stop.
 
@@ -45,7 +45,7 @@ def volume_index(frame: int | None, count: int, what: str, found: str = "") -> i
     SeveralVolumes
         If there are several and none was chosen.
     ValueError
-        If there is none of this number, or it is no whole one.
+        If there is no volume with this number, or it is no integer.
     """
     if frame is not None and (isinstance(frame, bool) or not isinstance(frame, Integral)):
         msg = f"Volume {frame!r} was asked for; its number is a whole one, from 1."
