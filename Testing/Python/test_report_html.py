@@ -188,7 +188,7 @@ def test_every_organ_has_its_section_and_a_line_in_the_overview(parsed):
     sections = [attributes for tag, attributes in parsed.all("section") if attributes.get("class") == "organ"]
     assert [attributes["aria-labelledby"] for attributes in sections] == ["organ-1", "organ-2"]
     assert "All organs" in parsed.words
-    assert "2, see there" in parsed.words
+    assert "2, see below" in parsed.words
 
 
 def test_the_verdict_is_the_first_line_of_a_section_and_in_the_overview(plain, image, parsed):
@@ -240,7 +240,7 @@ def test_a_volume_has_no_standard_deviation_where_much_of_the_surface_follows_no
     fit = SimpleNamespace(**{**vars(plain.fit), "problems": (), "iterations": 3, "confidence": unsure})
     text = Page(page_of([dataclasses.replace(plain, fit=fit)], image)).text
     assert "±" not in text
-    assert "without a standard deviation, as much of the surface follows no edge" in text
+    assert "without a standard deviation, because much of the surface follows no edge" in text
 
 
 def test_the_convergence_comes_last_and_rising_costs_are_explained(parsed):

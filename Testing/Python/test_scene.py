@@ -18,7 +18,7 @@ from VICRegistrationLib.report.scene import (
     USUAL,
     Shape,
     camera,
-    draw_numbers,
+    draw_scalars,
     draw_scene,
 )
 
@@ -132,7 +132,7 @@ def test_the_ends_of_the_colours_are_round_and_hold_nearly_all():
 def test_bars_are_shares_of_the_area_and_scenes_have_one_scale(mesh):
     figure = blank_figure(11.0, 5.3)
     values = (mesh.points[:, 2] - CENTER[2]) / 10.0
-    draw_numbers(figure, mesh, values, DEVIATION, other=np.zeros(10))
+    draw_scalars(figure, mesh, values, DEVIATION, other=np.zeros(10))
     *scenes, bar, histogram = figure.axes
     assert len(scenes) == len(SIDES)
     assert len({round(float(np.ptp(axes.get_xlim())), 9) for axes in scenes}) == 1

@@ -1,4 +1,4 @@
-"""What pictures and the page are about: fitted organs with what was given, and what they were compared with."""
+"""Contents of pictures and of the page: fitted organs with their inputs, and their references."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..messages import Diagnostic
 from ..registration.organ_fit import OrganFit
 
 TOLERANCES = (0.5, 1.0, 2.0)
-# Of distances without sign, by their names in `Deviation`.
+# Statistics of absolute distances, by their names in `Deviation`.
 STATISTICS = ("mean", "std", "rms", "median", "p95", "maximum")
 _CHORD_ERROR = 0.05
-# Small enough to look smooth, and to show where a deviation changes.
+# Fine enough to look smooth, and to show where a deviation changes.
 _LEAST_RESOLUTION = (128, 80)
-# Below it, surface and reference are hardly of the same organ.
+# Below this volume Dice, surface and reference are probably of different organs.
 _DOUBTFUL_DICE = 0.1
 
 
@@ -36,11 +36,11 @@ class Source:
     path : str
         As the user gave it.
     series : str, optional
-        The DICOM series that was asked for.
+        The DICOM series that was chosen.
     frame : int, optional
-        Which of several volumes was asked for.
+        Number of the volume that was chosen.
     warnings : sequence of str
-        What the file leaves open or contradicts itself in, a sentence each.
+        Warnings about the file, a sentence each.
     """
 
     path: str
@@ -72,7 +72,7 @@ class ComparedOrgan:
 
     @property
     def against(self) -> str:
-        """What it was compared with, in words."""
+        """Name of the reference."""
         return f"{self.path.name}, label {self.read.label}" if self.read.label else self.path.name
 
     @property
@@ -87,7 +87,7 @@ class ComparedOrgan:
 
     @property
     def diagnostics(self) -> list[Diagnostic]:
-        """What should be looked at before the numbers are used."""
+        """Warnings about the reference and the comparison."""
         found, values = list(self.read.diagnostics), {"reference": self.against, "dice": self.comparison.volume_dice}
         sides, dice = self.mirrored
         if sides:
@@ -98,12 +98,12 @@ class ComparedOrgan:
 
     @property
     def warnings(self) -> list[str]:
-        """The same in sentences, after those about the reference's file."""
+        """The diagnostics as sentences, after those about the reference's file."""
         return [*self.read.notes, *(found.sentence() for found in self.diagnostics)]
 
     @cached_property
     def mirrored(self) -> tuple[str, float]:
-        """What is exchanged in a mirror image of the reference that fits better, and its volume Dice."""
+        """Sides that are exchanged in a mirror image of the reference that fits better, and its volume Dice."""
         return mirrored(self.surface, self.read.reference, self.comparison.volume_dice, center=self.read.center)
 
     @cached_property
@@ -113,18 +113,18 @@ class ComparedOrgan:
 
     @cached_property
     def distances(self) -> np.ndarray:
-        """Of the triangles' points from the reference, mm, positive outside, (n,)."""
+        """Distances of the triangles' points from the reference, mm, positive outside, (n,)."""
         return distances_from(self.read.reference, self.mesh.points)
 
 
 @dataclass(frozen=True, eq=False)
 class ReportedOrgan:
-    """A fitted organ and what is shown of it.
+    """A fitted organ with the data that are shown.
 
     Parameters
     ----------
     name : str
-        Decides the colour, too.
+        Also decides the colour.
     fit : OrganFit
     verdict : {"good", "check", "poor"}
         How far the fit can be trusted.
@@ -133,11 +133,11 @@ class ReportedOrgan:
     seconds : float
         From the seeds to the surface.
     asked : sequence of str
-        Names of the options that the user gave; all others were chosen.
+        Names of the options that the user gave.
     warnings : sequence of str
-        What to look at before the surface is used, a sentence each.
+        Warnings about the surface, a sentence each.
     compared : ComparedOrgan, optional
-        If there is a reference.
+        The comparison, if there is a reference.
     """
 
     name: str
@@ -163,7 +163,7 @@ class ReportedModel:
         A row for each part, of as many texts as there are titles.
     titles : sequence of str
     notes : sequence of str
-        What to know about it, a sentence each.
+        Warnings, a sentence each.
     figure : matplotlib.figure.Figure
         The model from four sides.
     """
@@ -207,7 +207,7 @@ def compared_organ(
     Raises
     ------
     ValueError
-        If they cannot be compared; the sentence names the organ and the file.
+        If they cannot be compared; the message names the organ and the file.
     """
     try:
         found = compare(surface, read.reference, n_points=points, tolerances=tolerances)

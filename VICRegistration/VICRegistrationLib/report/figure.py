@@ -18,14 +18,14 @@ _DPI = 130
 def require_packages(
     *packages: str, otherwise: str = ", or leave the pictures and the page out with --no-pictures"
 ) -> None:
-    """Refuse to go on without the packages that draw pictures or make the page.
+    """Raise an error if packages that draw pictures or make the page are missing.
 
     Parameters
     ----------
     *packages : str
         Such as "matplotlib" and "jinja2".
     otherwise : str
-        What the user can do instead of installing them; empty where there is nothing.
+        What the user can do instead of installing them; may be empty.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def axes_at(figure, left: float, bottom: float, width: float, height: float):
 
 
 def write_heading(figure, title: str, lines: Sequence[str], *, alarm: str = "") -> None:
-    """Write a title, some lines below it, and on the right what to look at first."""
+    """Write a title, some lines below it, and a warning on the right."""
     _, up = figure.get_size_inches()
     figure.text(0.02, 1.0 - 0.27 / up, literal(title), size=19, weight="bold", color=TEXT_COLOUR, va="top")
     below = {"size": 10.5, "color": TEXT_COLOUR, "va": "top", "linespacing": 1.45}
@@ -80,7 +80,7 @@ def write_heading(figure, title: str, lines: Sequence[str], *, alarm: str = "") 
 
 
 def finish_axes(axes, *, x: str, y: str, title: str = "") -> None:
-    """Name the axes of a plot, and leave its frame away above and to the right."""
+    """Label the axes of a plot, and remove its frame at the top and on the right."""
     axes.set_xlabel(x, color=TEXT_COLOUR)
     axes.set_ylabel(y, color=TEXT_COLOUR)
     axes.set_title(title, size=10.5, loc="left", color=TEXT_COLOUR)
@@ -91,12 +91,12 @@ def finish_axes(axes, *, x: str, y: str, title: str = "") -> None:
 
 
 def scale_length(half_width: float) -> int:
-    """Length of a scale bar that takes up to a third of the width, mm."""
+    """Length of a scale bar of at most a third of the width, mm."""
     return max((length for length in (5, 10, 20, 50, 100) if length <= 0.66 * half_width), default=5)
 
 
 def literal(text: str) -> str:
-    """Text in which a dollar sign is a dollar sign and not the begin of a formula."""
+    """Escape dollar signs, which matplotlib takes for formulas."""
     return text.replace("$", r"\$")
 
 
@@ -119,7 +119,7 @@ def save_figure(figure, path: str | os.PathLike) -> None:
 
 
 def jpeg_bytes(figure) -> bytes:
-    """Draw a figure as a JPEG file in memory: a fifth of the PNG file, with full colours for thin lines.
+    """Draw a figure as a JPEG file in memory: a fifth of the size of a PNG file, without colour subsampling.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def jpeg_bytes(figure) -> bytes:
 def _drawn(figure, **how) -> bytes:
     content = io.BytesIO()
     with warnings.catch_warnings():
-        # Letters that the font does not have are drawn as boxes; that needs no warning.
+        # matplotlib warns of characters that the font lacks, and draws boxes.
         warnings.simplefilter("ignore", UserWarning)
         figure.savefig(content, **how)
     return content.getvalue()

@@ -23,17 +23,17 @@ from .views import STRAIGHT
 
 _NOT_CLINICAL = "Not a medical device; not for clinical use."
 _PLANES = ("sagittal", "coronal", "axial")
-# Letters that HTML does not allow, and halves of letters, which file names may hold and UTF-8 may not.
+# Characters that HTML does not allow, and lone surrogates, which names of files may contain and UTF-8 may not.
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
 _ENDS = {
-    "displacement": "at rest: no control point moved any more",
-    "parameters": "at rest: no parameter changed any more",
-    "cost": "at rest: the cost settled",
+    "displacement": "converged: no control point moved any more",
+    "parameters": "converged: no parameter changed any more",
+    "cost": "converged: the cost settled",
     "no better point": "no further step lowered the cost",
-    "iterations": "as many iterations as allowed",
+    "iterations": "the iteration limit was reached",
 }
 _VERDICTS = {
-    "good": "within 1.5 mm of the organ, as far as can be known without the truth",
+    "good": "expected to lie within 1.5 mm of the organ, as far as the fit and the image can tell",
     "check": "look at the contour before you use the surface",
     "poor": "not to be used",
 }
@@ -50,7 +50,7 @@ def report_html(
     files: Sequence[tuple[str, str]] = (),
     model: ReportedModel | None = None,
 ) -> str:
-    """Write the report of a fit: one file that needs no other, for screens and for paper.
+    """Write the report of a fit: one self-contained file, for screens and for paper.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def report_html(
     date : datetime
         With its time zone.
     gaps : sequence of str
-        How the organs lie to each other, a sentence each.
-    files : sequence of (names, purpose)
+        Gaps and overlaps between the organs, a sentence each.
+    files : sequence of (names, content)
         Files beside the report.
     model : ReportedModel, optional
         The generic model that the organs were fitted with.
@@ -73,7 +73,7 @@ def report_html(
     Returns
     -------
     str
-        HTML 5. Names and paths are escaped; there is no script and no address in it.
+        HTML 5. Names and paths are escaped; the page has no script and loads nothing.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def report_html(
 
 
 def _printable(value: object) -> object:
-    """Text without letters that a page must not hold; what is HTML already is left as it is."""
+    """Replace characters that a page must not contain; markup is left as it is."""
     return _UNPRINTABLE.sub("\ufffd", value) if type(value) is str else value
 
 
@@ -111,7 +111,7 @@ def _base64(figure) -> str:
 
 
 def _organ(organ: ReportedOrgan, image: Image) -> dict:
-    """Everything about one organ as the template takes it: texts, and rows of tables."""
+    """Texts and table rows of one organ for the template."""
     fit, compared = organ.fit, organ.compared
     count = len(organ.warnings)
     return {
@@ -125,7 +125,7 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
             f"{fit.surface.area() / 100.0:.1f} cm²",
             "yes" if fit.converged else "no",
             "no" if fit.problems else "yes",
-            f"{count}, see there" if count else "none",
+            f"{count}, see below" if count else "none",
             percent_text(fit.confidence.unsupported_share),
         ),
         "result": _result(organ),
@@ -144,7 +144,7 @@ def _organ(organ: ReportedOrgan, image: Image) -> dict:
 
 
 def volume_text(volume: float, confidence: Confidence) -> str:
-    """Volume in ml, with its standard deviation where that was calibrated.
+    """Volume in ml, with its standard deviation if that is calibrated.
 
     Parameters
     ----------
@@ -155,12 +155,12 @@ def volume_text(volume: float, confidence: Confidence) -> str:
     Returns
     -------
     str
-        Without a standard deviation where more than 4 % of the area follow no edge.
+        Without a standard deviation if more than 4 % of the area follow no edge.
     """
     if not confidence.volume_calibrated:
         return f"{volume:.1f} ml"
     deviation = float(confidence.volume_sd_ml)
-    # As many digits as the standard deviation has a use for.
+    # One or two digits, by the size of the standard deviation.
     digits = 1 if deviation >= 0.1 else 2
     return f"{volume:.{digits}f} ± {deviation:.{digits}f} ml"
 
@@ -179,7 +179,7 @@ def _result(organ: ReportedOrgan) -> list[tuple[str, str]]:
     about = (
         "one standard deviation, calibrated on phantoms"
         if confidence.volume_calibrated
-        else "without a standard deviation, as much of the surface follows no edge"
+        else "without a standard deviation, because much of the surface follows no edge"
     )
     rows = [("Volume", f"{volume} ({about})")]
     rows += [] if fit.region is None else [("Separated region", f"{fit.region.volume_ml:.1f} ml")]
@@ -200,7 +200,7 @@ def _result(organ: ReportedOrgan) -> list[tuple[str, str]]:
 
 
 def _confidence(confidence: Confidence) -> list[str]:
-    """Work out the standard deviations that 50, 90, 95 and 100 % of the area stay below."""
+    """Row of a table: standard deviations that 50, 90, 95 and 100 % of the area stay below."""
     values, areas = confidence.deviations.ravel(), confidence.areas.ravel()
     order = np.argsort(values)
     shares = np.cumsum(areas[order]) / areas.sum()
@@ -210,7 +210,7 @@ def _confidence(confidence: Confidence) -> list[str]:
 
 
 def _dice(compared: ComparedOrgan) -> list[list[str]]:
-    """Titles, and what holds for both ways."""
+    """Titles and the row of figures that hold for both ways."""
     found = compared.comparison
     dice = [(f"Dice {tolerance:g} mm", f"{share:.3f}") for tolerance, share in found.surface_dice]
     columns = [

@@ -1,4 +1,4 @@
-"""Whole pictures: an organ, all organs, a surface coloured by numbers, a mesh, the convergence. Need matplotlib."""
+"""Whole pictures: an organ, all organs, a surface coloured by scalars, a mesh, the convergence. Need matplotlib."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..registration.organ_fit import OrganFit
 from ..registration.stacks import StackUse
 from .contents import ComparedOrgan, ReportedOrgan, fine_mesh
 from .figure import axes_at, blank_figure, finish_axes, write_heading
-from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_numbers, draw_scene
+from .scene import CONFIDENCE, DEVIATION, FRONT, OPPOSITE, USUAL, Shape, draw_scalars, draw_scene
 from .slices import Contour, Marks, draw_slices
 from .views import views_in_own_plane
 
-# Unlike the colours of the usual organs, and seen on bright and on dark grey levels.
+# Unlike the colours of the usual organs, and visible on bright and on dark grey levels.
 REFERENCE_COLOUR = "#3d6cff"
 _SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff4df0", "D")
-# So begin the names of the stages of a second fit, after boundary points have contradicted the first one.
+# Prefix of the stages of a second fit, after boundary points have contradicted the first one.
 _AGAIN = "through the points, "
-# Room for the names of all stages, in points of 1/72 inch.
+# Height for the names of all stages, in points of 1/72 inch.
 _NAMES_HEIGHT = 215.0
-# So many letters of 8.5 points fit beside it.
+# Characters of 8.5 points that fit into the width beside the plot.
 _NAME_LETTERS = 36
-# As many as there are stages at most: of three nets, the coarser one kept, boundary points.
+# One for each stage that a fit can have: of three nets, of a coarser net that is kept, of boundary points.
 _STAGE_COLOURS = (
     *("#8a93a3", "#4d7fb8", "#2a9d8f", "#d1495b", "#7d5ba6"),
     *("#e09f3e", "#7f5539", "#1d3557", "#7a8b2e", "#c77dba", "#3a3f47", "#e56b6f"),
@@ -73,7 +73,7 @@ def overview_figure(image: Image, organs: Sequence[ReportedOrgan], *, heading: b
     organs : sequence of ReportedOrgan
         One or more.
     heading : bool
-        Whether there is a title with the volumes; the page has words of its own.
+        Whether there is a title with the volumes; the page has its own.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def page_figures(image: Image, organ: ReportedOrgan) -> dict:
     figures = {name: blank_figure(11.0, 7.6 if name == "organ" else 5.3) for name in names}
     _draw_pair(figures["organ"], 7.55, image, [organ], (USUAL, OPPOSITE))
     mesh, confidence = fine_mesh(organ.fit.surface), organ.fit.confidence
-    draw_numbers(figures["confidence"], mesh, confidence.standard_deviation(mesh.parameters), CONFIDENCE)
+    draw_scalars(figures["confidence"], mesh, confidence.standard_deviation(mesh.parameters), CONFIDENCE)
     if organ.compared is not None:
         _draw_deviation(figures["deviation"], organ.compared)
     figures["convergence"] = blank_figure(11.0, 3.4)
@@ -119,7 +119,7 @@ def page_figures(image: Image, organ: ReportedOrgan) -> dict:
 
 
 def stack_figure(organ: ReportedOrgan, stack: StackUse):
-    """Draw the contour in a further stack, in its own plane, where the organ was found in it.
+    """Draw the contour in a further stack, in the plane of its slices, at its position in that stack.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def stack_figure(organ: ReportedOrgan, stack: StackUse):
 
 
 def deviation_figure(compared: ComparedOrgan):
-    """Draw a comparison for a file: the surface coloured by its deviation (figure 18 of the paper), and the numbers.
+    """Draw a comparison for a file: the surface coloured by its deviation (figure 18 of the paper), and the figures.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def mesh_figure(mesh: TetrahedralMesh, name: str):
     write_heading(figure, name, [line])
     colours = _colours_of_groups(mesh)
     middles = mesh.points[mesh.tetrahedra[:, :4]].mean(axis=1)
-    # The cut leaves the patient's right half.
+    # The patient's right half.
     half = np.flatnonzero(middles[:, 0] >= np.median(middles[:, 0]))
     for left, chosen in ((0.1, np.arange(len(mesh.tetrahedra))), (6.1, half)):
         faces, first, second = faces_of(mesh.tetrahedra[chosen])
@@ -218,7 +218,7 @@ def _colours_of_groups(mesh: TetrahedralMesh) -> np.ndarray:
 
 
 def _draw_deviation(figure, compared: ComparedOrgan) -> None:
-    draw_numbers(figure, compared.mesh, compared.distances, DEVIATION, other=compared.comparison.signed_to_surface)
+    draw_scalars(figure, compared.mesh, compared.distances, DEVIATION, other=compared.comparison.signed_to_surface)
 
 
 def _draw_pair(figure, top: float, image: Image, organs: Sequence[ReportedOrgan], viewpoints) -> None:
@@ -256,7 +256,7 @@ def _draw_organs(figure, top: float, image: Image, organs: Sequence[ReportedOrga
 
 
 def draw_convergence(axes, fit: OrganFit) -> None:
-    """Draw the cost against the iteration, stage by stage, with the stages' names beside the plot.
+    """Plot the cost against the iteration, with the names of the stages beside the plot.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def draw_convergence(axes, fit: OrganFit) -> None:
 
 
 def _draw_stages(axes, names: list) -> None:
-    """Names of the stages beside the plot: in small letters where they are many."""
+    """Write the names of the stages beside the plot, in a smaller font if there are many."""
     from matplotlib.lines import Line2D
 
     entries, title = [], _AGAIN.strip(" ,") + ":"
@@ -300,7 +300,7 @@ def _draw_stages(axes, names: list) -> None:
 
 
 def alarm(organ: ReportedOrgan) -> str:
-    """Say in a few words what to look at before trusting a surface; empty if nothing is known to be wrong."""
+    """Most important warnings about a surface in a few words; empty if there are none."""
     fit, count = organ.fit, len(organ.warnings)
     parts = [] if organ.verdict == "good" else [organ.verdict]
     parts += [] if fit.converged else ["not converged"]
@@ -312,7 +312,7 @@ def alarm(organ: ReportedOrgan) -> str:
 
 
 def _summary(organ: ReportedOrgan) -> list[str]:
-    """Say the result in one line or two."""
+    """Describe the result in one or two lines."""
     fit = organ.fit
     separated = "" if fit.region is None else f" (separated {fit.region.volume_ml:.1f} ml)"
     parts = [

@@ -1,4 +1,4 @@
-"""Surfaces in 3D, lit and drawn by matplotlib alone: plain, coloured by numbers at their points, or with edges."""
+"""Surfaces in 3D, lit and drawn by matplotlib alone: plain, coloured by point scalars, or with edges."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from ..geometry.triangulation import TriangleMesh
 from .figure import TEXT_COLOUR, axes_at, finish_axes, scale_length
 
 _SHININESS = 30.0
-# Of the light, in the camera's frame: from above, over the viewer's left shoulder.
+# Direction to the light in the camera's frame: from above, over the viewer's left shoulder.
 _LIGHT = np.array([-0.35, 0.55, 0.76])
-# Parts of the light from everywhere, of the scattered light, and of the highlight. Colours that stand for numbers have
-# no highlight, which would look like another number, and less shade.
+# Ambient, diffuse and specular light. Colours that stand for scalars have no highlight, which would look like another
+# value, and less shade.
 _GLOSSY, _MATT = (0.34, 0.68, 0.20), (0.56, 0.46, 0.0)
 _EDGE_COLOUR = "#1d2026"
 _BINS = 60
-# Ends of the colours, mm: the first that leaves no more than this share of the points beyond.
+# Candidates for the end of the colour range, mm; the first with at most this share of the points beyond it is used.
 _LIMITS = tuple(digit * 10.0**power for power in range(-3, 4) for digit in (1.0, 2.0, 3.0, 5.0))
 _BEYOND = 0.02
 
 
-# Where scenes are looked at from: words, and the direction (r, a, s) to the viewer.
-# Organs of the pelvis do not hide one another in the first; the second shows what the first does not.
+# Viewpoints: caption, and direction (r, a, s) to the viewer. In the first, organs of the pelvis do not hide one
+# another; the second is opposite.
 USUAL = ("from the left, front and above", (-0.80, 0.52, 0.30))
 OPPOSITE = ("from the right, back and above", (0.80, -0.52, 0.30))
 FRONT = ("from the front and above", (0.30, 0.90, 0.30))
-# Together they show all of a surface; tilted, so that tops and bottoms are seen as well.
+# Together they show all of a surface; tilted, so that top and bottom are visible.
 SIDES = (
     ("from the front, above", (0.0, 1.0, 0.36)),
     ("from the left, below", (-1.0, 0.0, -0.36)),
@@ -49,13 +49,13 @@ class Shape:
     triangles : (m, 3) ndarray of int
         Counter-clockwise seen from outside.
     colours : (3,), (n, 3) or (m, 3) array_like
-        Red, green and blue from 0 to 1: one, or one for each point; without normals one for each triangle.
+        Red, green and blue from 0 to 1: one colour, or one for each point; without normals one for each triangle.
     normals : (n, 3) ndarray, optional
-        Of the surface at the points, which then looks smooth. Without them triangles are flat and have edges.
+        Normals of the surface at the points, for smooth shading. Without them triangles are flat and have edges.
     opacity : float
         From 0 to 1; with normals only.
     two_sided : bool
-        Whether triangles are seen from inside too: those of an open surface.
+        Whether triangles are drawn from both sides, as for an open surface.
     """
 
     points: np.ndarray
@@ -68,7 +68,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Scale:
-    """Numbers as colours.
+    """How scalars are shown as colours.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Scale:
     signed : bool
         Whether zero is in the middle of the colours, or at their beginning.
     label, short : str
-        What the numbers are, with their unit: below the colours, and below the histogram.
+        Quantity and unit, below the colours and below the histogram.
     """
 
     colour_map: str
@@ -86,7 +86,7 @@ class Scale:
     short: str
 
     def limits(self, values: np.ndarray) -> tuple[float, float]:
-        """Round ends of the colours that nearly all values (n,) lie between."""
+        """Choose a rounded range of colours that contains 98 % of the values (n,)."""
         wanted = float(np.quantile(np.abs(values), 1.0 - _BEYOND))
         high = next((limit for limit in _LIMITS if limit >= wanted), wanted)
         return (-high if self.signed else 0.0), high
@@ -129,11 +129,11 @@ def draw_scene(axes, shapes: Sequence[Shape], viewpoint: tuple, *, matt: bool = 
     shapes : sequence of Shape
         All with normals, or all without.
     viewpoint : (caption, towards)
-        Words, and the direction (r, a, s) to the viewer.
+        Text, and the direction (r, a, s) to the viewer.
     matt : bool
-        Whether there is no highlight, for colours that stand for numbers.
+        Whether there is no highlight, for colours that stand for scalars.
     size : float
-        Least width and height of what is drawn, mm, so that several scenes have one scale.
+        Least width and height of the scene, mm, so that several scenes have one scale.
     """
     caption, towards = viewpoint
     view = camera(towards)
@@ -175,8 +175,8 @@ def _draw_triangles(axes, shapes: Sequence[Shape], view: np.ndarray, finish) -> 
         collection = TriMesh(Triangulation(*places.T, triangles[order]))
         collection.set_facecolor(np.column_stack([shades, np.ones(len(shades))]))
     else:
-        # Smooth triangles overlap along their edges, which is seen where they are translucent. So do sharp edges; soft
-        # ones let through what is behind, which is seen where they are opaque.
+        # TriMesh draws the edges of translucent triangles twice. In a PolyCollection, translucent triangles need
+        # antialiased edges for the same reason, and opaque ones sharp edges, or what is behind shines through.
         opacity = np.concatenate([np.full(len(shape.triangles), shape.opacity) for shape in shapes])[order]
         colours = np.column_stack([shades[triangles[order]].mean(axis=1), opacity])
         style = {"facecolors": colours, "edgecolors": "none", "antialiaseds": (opacity < 1.0).tolist()}
@@ -186,7 +186,7 @@ def _draw_triangles(axes, shapes: Sequence[Shape], view: np.ndarray, finish) -> 
 
 
 def _lit(shape: Shape, view: np.ndarray, finish: tuple[float, float, float]) -> np.ndarray:
-    """Colours (n, 3) in the light, by the model of Blinn and Phong; light reaches a little round the edge."""
+    """Colours (n, 3) by the lighting model of Blinn and Phong; diffuse light reaches a little beyond the terminator."""
     normals = shape.normals
     if normals is None:
         normals = area_vectors(shape.points, shape.triangles)
@@ -202,7 +202,7 @@ def _lit(shape: Shape, view: np.ndarray, finish: tuple[float, float, float]) -> 
 
 
 def _draw_directions(axes, view: np.ndarray, origin: np.ndarray, length: float) -> None:
-    """Arrows to the patient's left, front and top; those that point nearly at the viewer or away are left out."""
+    """Draw arrows to the patient's left, anterior and superior, except those nearly along the line of sight."""
     arrow = {"arrowstyle": "-|>", "color": TEXT_COLOUR, "linewidth": 1.3, "shrinkA": 0, "shrinkB": 0}
     for direction, letter in (((-1, 0, 0), "L"), ((0, 1, 0), "A"), ((0, 0, 1), "S")):
         tip = view[:2] @ direction
@@ -212,10 +212,10 @@ def _draw_directions(axes, view: np.ndarray, origin: np.ndarray, length: float) 
             axes.text(*place, letter, size=10, ha="center", va="center", color=TEXT_COLOUR)
 
 
-def draw_numbers(
+def draw_scalars(
     figure, mesh: TriangleMesh, values: np.ndarray, scale: Scale, *, other: np.ndarray | None = None
 ) -> None:
-    """Draw a surface from four sides in the colours of the numbers at its points, the colours, and a histogram.
+    """Draw a surface from four sides coloured by point scalars, with a colour bar and a histogram.
 
     Parameters
     ----------
@@ -224,10 +224,10 @@ def draw_numbers(
     mesh : TriangleMesh
         RAS mm.
     values : (n,) ndarray
-        At the points.
+        Scalars at the points.
     scale : Scale
     other : (k,) ndarray, optional
-        Distances from points that are evenly spread over the reference: a line in the histogram.
+        Distances of points that are spread evenly over the reference; a line in the histogram.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -254,7 +254,7 @@ def draw_numbers(
 
 
 def _draw_histogram(axes, mesh: TriangleMesh, values: np.ndarray, scale: Scale, colours, other) -> None:
-    """Shares of the area in the colours of the picture; the last bars hold all that lies beyond."""
+    """Draw shares of the area in the colours of the picture; the last bars contain all larger values."""
     from matplotlib.patches import Patch
 
     low, high = 1.25 * np.array(scale.limits(values))

@@ -1,4 +1,4 @@
-"""Pictures of slices of an image, with cuts of surfaces, points, and the outline of a region."""
+"""Pictures of slices of an image, with contours of surfaces, points, and the outline of a region."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .figure import axes_at, literal, scale_length
 from .views import View, cut, orientations_of, slice_of, views_of
 
 _OUTSIDE_COLOUR, _DARK, _REGION_COLOUR = "#1b1f27", "#101318", "#ffffff"
-# A point is drawn as lying in a slice if it is no farther from it: about as wide as its mark.
+# A point this close to a slice is drawn as lying in it; about the width of its mark.
 _NEAR_MM = 2.0
 # Height of the strip of names below the slices, inches.
 _LEGEND_HEIGHT = 0.32
@@ -34,7 +34,7 @@ class Contour:
     label : str
         For the legend; empty for none.
     thin : bool
-        Whether it is something to compare with: a thin dashed line on top of the others.
+        Whether it is a reference: a thin dashed line on top of the others.
     """
 
     mesh: TriangleMesh | ReferenceMesh
@@ -44,18 +44,18 @@ class Contour:
 
     @property
     def width(self) -> float:
-        """Width of the line, points: one on top of the other, both are seen."""
+        """Width of the line, points: thin lines do not hide thick ones."""
         return 0.9 if self.thin else 2.8
 
     @property
     def style(self):
-        """Style of the line, of matplotlib: through the gaps the colour of the line below is seen."""
+        """Line style of matplotlib: the gaps of a dashed line show the line below."""
         return (0, (5.0, 3.0)) if self.thin else "solid"
 
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Points that a user gave.
+    """Points that the user gave.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def draw_slices(
     region: Image | None = None,
     views: Sequence[View] | None = None,
 ) -> None:
-    """Draw three slices along the image's axes, or three others, side by side, on one scale, and what is in them.
+    """Draw three slices along the image's axes, or three others, side by side on one scale, with contours and points.
 
     Parameters
     ----------
@@ -95,10 +95,10 @@ def draw_slices(
         Upper edge of the slices, inches from below.
     image : Image
     contours : sequence of Contour
-        The slices go through the middle of those that are not thin: one or more.
+        One or more that are not thin; the slices pass through their middle.
     marks : sequence of Marks
-        A point is drawn in all slices within 2 mm of it, or half the distance of the image's slices; if there is none,
-        hollow in the nearest one.
+        A point is drawn in all slices within 2 mm of it, or within half the distance of the image's slices; if there
+        is none, hollow in the nearest one.
     region : Image, optional
         A mask whose outline is drawn too.
     views : sequence of three View, optional
@@ -135,7 +135,7 @@ def _draw_region(axes, sampler: Sampler, view: View) -> None:
 
 
 def _draw_marks(all_axes, views: Sequence[View], marks: Sequence[Marks], near: float) -> None:
-    """Points in the slices within a distance of them, mm; others hollow in the nearest slice."""
+    """Draw points in the slices within a distance of them, mm; others hollow in the nearest slice."""
     for kind in marks:
         points = np.reshape(np.asarray(kind.points, dtype=float), (-1, 3))
         away = np.array([np.abs((points - view.center) @ view.orientation.across) for view in views])
@@ -149,7 +149,7 @@ def _draw_marks(all_axes, views: Sequence[View], marks: Sequence[Marks], near: f
 
 
 def _annotate(axes, view: View) -> None:
-    """Letters of the patient's sides, the name of the view and a scale."""
+    """Write the patient's sides, the name of the view and a scale bar."""
     left, right, bottom, top = view.extent
     axes.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
     for spine in axes.spines.values():
@@ -166,7 +166,7 @@ def _annotate(axes, view: View) -> None:
 
 
 def _write(axes, x: float, y: float, text: str, **style) -> None:
-    """White text that can be read on any grey."""
+    """Write white text with a dark outline."""
     from matplotlib.patheffects import withStroke
 
     outline = [withStroke(linewidth=2.6, foreground=_DARK)]
@@ -174,7 +174,7 @@ def _write(axes, x: float, y: float, text: str, **style) -> None:
 
 
 def _draw_legend(figure, top: float, contours: Sequence[Contour], marks: Sequence[Marks], *, with_region: bool) -> None:
-    """Names in a dark strip below the slices, where they cover nothing."""
+    """Write the legend in a dark strip below the slices."""
     from matplotlib.lines import Line2D
 
     named = [contour for contour in contours if contour.label]
@@ -192,6 +192,6 @@ def _draw_legend(figure, top: float, contours: Sequence[Contour], marks: Sequenc
     strip.set(facecolor=_OUTSIDE_COLOUR, xticks=[], yticks=[])
     style = {"fontsize": 9, "labelcolor": "white", "frameon": False, "borderpad": 0.0, "borderaxespad": 0.0}
     legend = strip.legend(handles, ["-"] * len(labels), loc="center", ncol=max(len(labels), 1), **style)
-    # Set only now: matplotlib leaves labels out that begin with an underscore.
+    # Set afterwards, because matplotlib omits labels that begin with an underscore.
     for text, label in zip(legend.get_texts(), labels):
         text.set_text(literal(label))

@@ -1,4 +1,4 @@
-"""Planes through an image along its own axes: which ones, and the grey levels and lines of surfaces in them."""
+"""Planes through an image along its own axes, with the grey levels and the contours of surfaces in them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ..geometry.triangulation import TriangleMesh
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 
-# What is shown around the surfaces on each side, mm.
+# Margin around the surfaces on each side, mm.
 _MARGIN_MM = 18.0
-# Up to so many degrees a stack is not called oblique.
+# A stack that is turned by no more than this, degrees, is not called oblique.
 STRAIGHT = 0.5
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """How a plane is looked at.
+    """Orientation of a plane and of its picture.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ class Orientation:
 
     @property
     def axis(self) -> int:
-        """Which of R, A and S `across` is, or is nearest to, 0 to 2."""
+        """Index of R, A or S, 0 to 2, that `across` is nearest to."""
         return int(np.argmax(self.across))
 
 
-# Radiological convention, as in Slicer's views: right is on the left of the picture, and so is anterior if sagittal.
+# Radiological convention, as in Slicer's views: right is on the left of the picture, or anterior in sagittal planes.
 AXIAL = Orientation("axial", (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), ("R", "L", "P", "A"))
 CORONAL = Orientation("coronal", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), ("R", "L", "I", "S"))
 SAGITTAL = Orientation("sagittal", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), ("A", "P", "I", "S"))
@@ -61,7 +61,7 @@ ORIENTATIONS = (AXIAL, CORONAL, SAGITTAL)
 
 
 def orientations_of(image: Image) -> tuple[Orientation, Orientation, Orientation]:
-    """Choose how an image is shown: along its own axes, so that each picture is as sharp and as full as the image.
+    """Choose planes along the image's own axes, in which it is sharpest and fills the picture.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def orientations_of(image: Image) -> tuple[Orientation, Orientation, Orientation
         Nearest to axial, coronal and sagittal, with "oblique" in their names where the image is turned.
     """
     grid = image.canonical()
-    # What is nearest to the directions of a sheared grid and at right angles.
+    # The rotation nearest to the directions of a grid that may be sheared.
     turn, _ = polar(grid.ijk_to_ras[:3, :3] / grid.spacing)
     oblique = np.degrees(np.arccos(np.clip(np.diag(turn).min(), -1.0, 1.0))) > STRAIGHT
     return tuple(
@@ -219,7 +219,7 @@ def views_in_own_plane(image: Image, mesh: TriangleMesh) -> list[View]:
     Returns
     -------
     list of View
-        At a quarter, a half and three quarters of what the image shows of the surface across its slices.
+        At a quarter, a half and three quarters of the part of the surface that the image shows.
     """
     orientations = orientations_of(image)
     grid = image.canonical()
