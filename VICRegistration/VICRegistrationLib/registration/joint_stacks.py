@@ -301,7 +301,7 @@ class JointStacks:
         away = float(np.linalg.norm(shift_of(motion, self._center(surface))))
         turn = rotation_degrees(motion)
         if away > LARGEST_SHIFT_MM or turn > LARGEST_TURN_DEGREES:
-            return Diagnostic("stack_implausible_motion", {"shift_mm": away, "turn_degrees": turn})
+            return Diagnostic("stack_moved_far", {"shift_mm": away, "turn_degrees": turn})
         return None
 
     def _with_views(self, schedule: Schedule) -> Schedule:
