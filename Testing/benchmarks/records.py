@@ -18,7 +18,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "docs
 
 # Numbers that nobody has measured: settings of the program, of formats, and of the images that were taken.
 SETTINGS = {
-    "README.md": "95 %; slices of 4 and 1 mm; licence 2.0; Slicer 5.8",
+    "README.md": "slices of 4 and 1 mm; licence 2.0; Slicer 5.8",
     "docs/architecture.md": "slices of 50 ms of the event loop",
     "docs/changes.md": "common volume 1 %, 0.3 mm; no edge 4 %; labels 0.001, pieces 0.5 %; "
     "tau 0.01, erosion and others 20 mm",
