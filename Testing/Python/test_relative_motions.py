@@ -11,7 +11,7 @@ from stack_phantom import GRID, MOTION, dented, motion_about, stack_of
 
 from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.registration.alignment import SAMPLES, Alignment, measured, surroundings
-from VICRegistrationLib.registration.joint_stacks import trust_of
+from VICRegistrationLib.registration.joint_stacks import voxel_weight_of
 from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.relative_motions import relative_motions
 from VICRegistrationLib.registration.stacks import rotation_degrees
@@ -38,8 +38,8 @@ def aligned(images, surface, motions, *, turns=3):
     own = seen(images[0], surface, np.eye(4))
     for _ in range(turns):
         found = [seen(image, surface, motion) for image, motion in zip(images[1:], motions)]
-        trusts = [1.0, *(trust_of(each, own) for each in found)]
-        relative = relative_motions(surface, [own, *found], trusts)
+        voxel_weights = [1.0, *(voxel_weight_of(each, own) for each in found)]
+        relative = relative_motions(surface, [own, *found], voxel_weights)
         motions = relative.motions
     return relative
 

@@ -315,18 +315,7 @@ class BSplineSurface:
         return np.cross(self.points(u, v, du=1), self.points(u, v, dv=1))
 
     def grid_area_vectors(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Compute S_u x S_v on the grid of all pairs of parameters, as :meth:`area_vectors` does for pairs.
-
-        Parameters
-        ----------
-        u : (m_u,) array_like
-        v : (m_v,) array_like
-            Parameters inside the domain.
-
-        Returns
-        -------
-        (m_u, m_v, 3) ndarray
-        """
+        """Compute :meth:`area_vectors` on the grid of all pairs of parameters (m_u,) and (m_v,): (m_u, m_v, 3)."""
         return np.cross(self.grid(u, v, du=1), self.grid(u, v, dv=1))
 
     def normals(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -345,18 +334,7 @@ class BSplineSurface:
         return self._normals(u, v, self.points(u, v, du=1), self.points(u, v, dv=1))
 
     def grid_normals(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return unit normals on the grid of all pairs of parameters, as :meth:`normals` does for pairs.
-
-        Parameters
-        ----------
-        u : (m_u,) array_like
-        v : (m_v,) array_like
-            Parameters inside the domain.
-
-        Returns
-        -------
-        (m_u, m_v, 3) ndarray
-        """
+        """Compute :meth:`normals` on the grid of all pairs of parameters (m_u,) and (m_v,): (m_u, m_v, 3)."""
         along = (self.grid(u, v, du=1), self.grid(u, v, dv=1))
         pairs = (part.ravel() for part in np.meshgrid(u, v, indexing="ij"))
         return self._normals(*pairs, *(part.reshape(-1, 3) for part in along)).reshape(along[0].shape)

@@ -31,7 +31,7 @@ from ..registration.drift_limit import within_drift_limit
 from ..registration.joint_stacks import JointStacks
 from ..registration.nets import net_of, net_text, sampled
 from ..registration.options import FitOptions
-from ..registration.organ import Outcome, complete_region, completed
+from ..registration.organ import Outcome, complete_region, with_boundary_points
 from ..registration.organ_fit import OrganFit
 from ..registration.schedule import Schedule
 from ..registration.stacks import Stack
@@ -233,7 +233,7 @@ def _registered(organ: _Organ, placed: BSplineSurface, together: BSplineSurface)
 
 def _completed(image: Image, organ: _Organ, outcome: Outcome, *, start: float) -> Generator[Step, None, OrganFit]:
     points = checked_boundary_points(None)
-    fit = yield from completed(
+    fit = yield from with_boundary_points(
         image, organ.history, outcome, points, asked=organ.asked, region=organ.region, start=start
     )
     return fit if organ.whole is organ.region else replace(fit, whole_region=organ.whole)

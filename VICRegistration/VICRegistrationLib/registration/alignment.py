@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from ..geometry.parametrization import rigid, rigid_matrix
@@ -24,7 +23,7 @@ from .edge_width import edge_width
 from .levels import measured_levels
 from .options import LEAST_TAU_PIXELS, MOST_TAU_PIXELS, TAU_PIXELS
 from .partial_volumes import PartialVolumes
-from .sample_grid import SampledSurface, SampleGrid
+from .sample_grid import SampledSurface, SampleGrid, mean_over_neighbours
 from .stack_view import View
 from .stages import Stage, iterate_stage
 from .virtual_image import IntensityProfile, VirtualImage
@@ -113,12 +112,9 @@ class Alignment:
         if not total > 0.0:
             return 0.0, 0.0
         # Averaged over neighbouring lines, which lowers noise but not a difference in shape.
-        above, below = (
-            ndimage.gaussian_filter(part.reshape(SAMPLES), 1.0, mode=("wrap", "nearest")).ravel()
-            for part in (weight * (self.offsets - other.offsets), weight)
-        )
-        apart = weight @ (above / np.maximum(below, 1e-12 * total)) ** 2
-        return float(np.sqrt(apart / total)), float(weight @ (self.offsets - other.offsets) / total)
+        offsets = self.offsets - other.offsets
+        mean = mean_over_neighbours(offsets, weight, SAMPLES, (1.0, 1.0), least=1e-12 * total)
+        return float(np.sqrt(weight @ mean**2 / total)), float(weight @ offsets / total)
 
 
 def align(
@@ -329,9 +325,6 @@ def _searched(sampler: Sampler, surface: BSplineSurface) -> list[np.ndarray]:
             best.append(shifts[index])
         if len(best) == _TRIED:
             break
-    motions = []
-    for shift in best:
-        motion = np.eye(4)
-        motion[:3, 3] = shift
-        motions.append(motion)
-    return motions
+    motions = np.tile(np.eye(4), (len(best), 1, 1))
+    motions[:, :3, 3] = best
+    return list(motions)

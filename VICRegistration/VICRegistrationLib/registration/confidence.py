@@ -21,7 +21,7 @@ from .cost import Correlation
 from .joint_stacks import with_stacks
 from .nets import sampled
 from .options import FitOptions
-from .sample_grid import SampledSurface
+from .sample_grid import SampledSurface, mean_over_neighbours
 from .schedule import Schedule
 from .stacks import StackUse
 from .stages import Stage
@@ -275,11 +275,7 @@ def _patches(surface: SampledSurface) -> float:
 
 def _around(values: np.ndarray, area: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Area-weighted mean over the neighbourhood of each line."""
-    sigma = [_NEIGHBOURS * count for count in shape]
-    above, below = (
-        ndimage.gaussian_filter(part.reshape(shape), sigma, mode=("wrap", "nearest")) for part in (values * area, area)
-    )
-    return (above / below).ravel()
+    return mean_over_neighbours(values, area, shape, [_NEIGHBOURS * count for count in shape])
 
 
 def _smoothed(values: np.ndarray, support: _Support, shape: tuple[int, int]) -> np.ndarray:

@@ -49,8 +49,8 @@ _MOSTLY_KNOWN = 0.95
 _TURNS, _AT_REST_MM = 8, 0.1
 # A stack is cropped again when the surface has moved in it by more than this, mm.
 _KEPT_MM = 2.0
-# Lower limit of the mean squared residual in the ratio of `trust_of`: half and ten times of it give the demo's organs
-# the same distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
+# Lower limit of the mean squared residual in the ratio of `voxel_weight_of`: half and ten times of it give the demo's
+# organs the same distances. With 1 / 60, a second stack with five times the noise made them worse by 0.02 mm.
 _CLEAREST = 1e-4
 
 
@@ -71,7 +71,7 @@ class JointStacks:
     def __init__(self, stacks: Sequence[Stack], frame: np.ndarray):
         self.stacks, self.frame = tuple(stacks), frame
         self._reasons: list[Diagnostic | None] = [None] * len(self.stacks)
-        self._found: list[Alignment | None] = [None] * len(self.stacks)
+        self._alignments: list[Alignment | None] = [None] * len(self.stacks)
         self._deviations = np.full((len(self.stacks), 2), np.nan)
         self._first = None
         self._fitted: set[int] = set()
@@ -109,8 +109,8 @@ class JointStacks:
         # If the first stack cuts the surface, each further stack makes more of it known for the next one.
         groups = [range(len(self.stacks))] if together else [[number] for number in range(len(self.stacks))]
         for group in groups:
-            self._aligned(schedule, step.surface, group)
-            schedule = self._compared(schedule, step.surface)
+            self._align(schedule, step.surface, group)
+            schedule = self._with_motions(schedule, step.surface)
             if not any(self._used(number) for number in group):
                 continue
             name = "all stacks" if together else f"{len(schedule.views) + 1} stacks"
@@ -123,15 +123,15 @@ class JointStacks:
         """Align all stacks with a surface, and add those that are used to a schedule."""
         if not self.stacks:
             return schedule
-        self._aligned(schedule, surface, range(len(self.stacks)))
-        return self._compared(schedule, surface)
+        self._align(schedule, surface, range(len(self.stacks)))
+        return self._with_motions(schedule, surface)
 
     def realigned(self, schedule: Schedule, surface: BSplineSurface) -> Schedule:
         """Find the motions of the used stacks again, with a surface that was fitted to all of them."""
         self._fitted.update(self._all_used)
-        return self._compared(schedule, surface, measure=True)
+        return self._with_motions(schedule, surface, measure=True)
 
-    def _compared(self, schedule: Schedule, surface: BSplineSurface, *, measure: bool = False) -> Schedule:
+    def _with_motions(self, schedule: Schedule, surface: BSplineSurface, *, measure: bool = False) -> Schedule:
         """Find the motions of the used stacks by the distances between their edges; `measure` as in `_measure`."""
         if self._all_used:
             self._measure_first(schedule, surface)
@@ -141,11 +141,11 @@ class JointStacks:
             used = self._all_used
             if not used:
                 break
-            found = [self._found[number] for number in used]
-            trusts = [1.0, *(trust_of(each, self._first) for each in found)]
-            relative = relative_motions(surface, [self._first, *found], trusts)
+            found = [self._alignments[number] for number in used]
+            voxel_weights = [1.0, *(voxel_weight_of(each, self._first) for each in found)]
+            relative = relative_motions(surface, [self._first, *found], voxel_weights)
             for number, motion, deviations in zip(used, relative.motions, relative.deviations):
-                self._found[number] = self._found[number].at(motion)
+                self._alignments[number] = self._alignments[number].at(motion)
                 self._deviations[number] = deviations
             if relative.moved < _AT_REST_MM:
                 break
@@ -175,12 +175,12 @@ class JointStacks:
         """
         excess = [
             0.0 if reason is not None else self._excess(stack, found)
-            for stack, reason, found in zip(self.stacks, self._reasons, self._found)
+            for stack, reason, found in zip(self.stacks, self._reasons, self._alignments)
         ]
         if not excess or max(excess) <= 1.0:
             return False
         worst = int(np.argmax(excess))
-        apart, _ = self._found[worst].disagreement(self._first)
+        apart, _ = self._alignments[worst].disagreement(self._first)
         self._reasons[worst] = Diagnostic("stack_shows_another_shape", {"apart_mm": apart})
         return True
 
@@ -203,7 +203,9 @@ class JointStacks:
                 rotation_sd_degrees=float(turn),
                 translation_sd_mm=float(shift),
             )
-            for stack, reason, found, (turn, shift) in zip(self.stacks, self._reasons, self._found, self._deviations)
+            for stack, reason, found, (turn, shift) in zip(
+                self.stacks, self._reasons, self._alignments, self._deviations
+            )
         )
 
     # ------------------------------------------------------------------ one stack
@@ -219,7 +221,7 @@ class JointStacks:
         )
 
     def _used(self, number: int) -> bool:
-        return self._found[number] is not None and self._reasons[number] is None
+        return self._alignments[number] is not None and self._reasons[number] is None
 
     @property
     def _all_used(self) -> list[int]:
@@ -228,19 +230,19 @@ class JointStacks:
     def _known(self, schedule: Schedule, surface: BSplineSurface, number: int) -> np.ndarray:
         """Weights of the lines by all other stacks to which the surface was fitted, (n,); see `known_lines`."""
         others = [other for other in self._fitted if other != number and self._used(other)]
-        samplers = [schedule.sampler, *(self._found[other].view.sampler for other in others)]
+        samplers = [schedule.sampler, *(self._alignments[other].view.sampler for other in others)]
         return np.maximum.reduce([known_lines(sampler, surface) for sampler in samplers])
 
-    def _aligned(self, schedule: Schedule, surface: BSplineSurface, numbers: Sequence[int]) -> None:
+    def _align(self, schedule: Schedule, surface: BSplineSurface, numbers: Sequence[int]) -> None:
         """Align some of the stacks with a surface, and note which ones do not show it."""
         for number in numbers:
             if self._reasons[number] is not None:
                 continue
-            stack, before = self.stacks[number], self._found[number]
+            stack, before = self.stacks[number], self._alignments[number]
             start = np.eye(4) if before is None else before.motion
             known = self._known(schedule, surface, number)
             found = align(self._local(stack), surface, start, known=known)
-            self._found[number] = found
+            self._alignments[number] = found
             self._reasons[number] = self._reason_against(stack, found, surface)
 
     def _measure_first(self, schedule: Schedule, surface: BSplineSurface) -> None:
@@ -254,10 +256,12 @@ class JointStacks:
         With `measure`, the width of the stack's edge is measured again, which takes as long as the rest; otherwise it
         is kept.
         """
-        stack, before, known = self.stacks[number], self._found[number], self._known(schedule, surface, number)
+        stack, before, known = self.stacks[number], self._alignments[number], self._known(schedule, surface, number)
         sampler, volumes = self._surroundings(number, surface.transformed(before.motion))
         tau = None if measure else before.view.tau
-        found = self._found[number] = measured(sampler, surface, before.motion, known=known, volumes=volumes, tau=tau)
+        found = self._alignments[number] = measured(
+            sampler, surface, before.motion, known=known, volumes=volumes, tau=tau
+        )
         if found.view is None:
             self._reasons[number] = Diagnostic("stack_shows_little", {"share": float(found.common)})
         else:
@@ -306,7 +310,7 @@ class JointStacks:
 
     def _with_views(self, schedule: Schedule) -> Schedule:
         """Add the used stacks to a schedule."""
-        views = [trusted(found, self._first) for number, found in enumerate(self._found) if self._used(number)]
+        views = (weighted_view(self._alignments[number], self._first) for number in self._all_used)
         return replace(schedule, views=tuple(views))
 
 
@@ -339,15 +343,15 @@ def with_stacks(
         sampler = surroundings(moved, surface, points=points)
         found = measured(sampler, surface, np.eye(4), volumes=PartialVolumes(sampler.image))
         if found.view is not None:
-            views.append(trusted(found, own))
+            views.append(weighted_view(found, own))
     return replace(schedule, views=tuple(views))
 
 
-def trusted(found: Alignment, own: Alignment) -> View:
-    """View of a stack with its trust, see :func:`trust_of`."""
-    return replace(found.view, trust=trust_of(found, own))
+def weighted_view(found: Alignment, own: Alignment) -> View:
+    """View of a stack with the weight of its voxels, see :func:`voxel_weight_of`."""
+    return replace(found.view, voxel_weight=voxel_weight_of(found, own))
 
 
-def trust_of(found: Alignment, own: Alignment) -> float:
+def voxel_weight_of(found: Alignment, own: Alignment) -> float:
     """Weight of a stack's voxel relative to the first image's: inversely proportional to the cost."""
     return max(own.cost, _CLEAREST) / max(found.cost, _CLEAREST)

@@ -42,7 +42,7 @@ from .joint_stacks import JointStacks
 from .nets import halvings_to, net_of, net_text, sampled_net
 from .options import FitOptions
 from .organ_fit import OrganFit
-from .restart import contradicted, explains, region_through
+from .restart import contradicted, region_through, replaces
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
@@ -137,7 +137,7 @@ def fit_region(
     model, schedule, frame = _planned(image, whole, options)
     joint = JointStacks(stacks, frame)
     outcome = yield from recorded(_register(model, schedule, options, joint), history, local_to_ras=frame)
-    fit = yield from completed(image, history, outcome, points, asked=options, region=region, start=start)
+    fit = yield from with_boundary_points(image, history, outcome, points, asked=options, region=region, start=start)
     started_here = fit.region is region
     return replace(fit, whole_region=whole) if started_here and whole is not region else fit
 
@@ -276,12 +276,12 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
     return schedule.fine.cost_of(space.at(found), model)
 
 
-def pulling(points: np.ndarray, options: FitOptions) -> np.ndarray:
+def used_points(points: np.ndarray, options: FitOptions) -> np.ndarray:
     """Return the boundary points that are used: none if their weight is 0."""
     return points if options.boundary_weight > 0.0 else points[:0]
 
 
-def completed(
+def with_boundary_points(
     image: Image,
     history: list[Step],
     outcome: Outcome,
@@ -319,7 +319,7 @@ def completed(
     OrganFit
     """
     uncorrected = pulled = history[-1].surface if surface is None else surface
-    points, correction, whole_region = pulling(points, outcome.options), [], None
+    points, correction, whole_region = used_points(points, outcome.options), [], None
     again = yield from _restarted(image, uncorrected, points, asked, outcome.stacks, history)
     if again is not None:
         pulled = again.surface
@@ -374,7 +374,7 @@ def _restarted(
         fit = yield from recorded(steps, history, prefix="through the points, ")
     except ValueError:
         return None
-    return fit if explains(fit.surface, surface, points, away) else None
+    return fit if replaces(fit.surface, surface, points, away) else None
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:

@@ -16,7 +16,7 @@ from .choices import choose_beside, choose_by
 from .joint_stacks import JointStacks
 from .nets import closure_of, net_of, sampled
 from .options import FitOptions
-from .organ import Outcome, completed, pulling
+from .organ import Outcome, used_points, with_boundary_points
 from .organ_fit import OrganFit
 from .schedule import ANCHOR, Schedule
 from .stacks import Stack, stacks_beside
@@ -83,15 +83,15 @@ def refit(
     if region is not None:
         options = options.filled_in(threshold=region.threshold)
     history: list[Step] = []
-    if len(pulling(points, options)):
+    if len(used_points(points, options)):
         outcome = _kept(image, surface, options, stacks)
         given = {"asked": asked, "region": region, "start": start, "surface": surface}
-        return (yield from completed(image, history, outcome, points, **given))
+        return (yield from with_boundary_points(image, history, outcome, points, **given))
     while True:
         outcome = yield from recorded(_fit_again(image, surface, options, stacks), history)
         if not stacks.leave_out_contradicting():
             break
-    return (yield from completed(image, history, outcome, points, asked=asked, region=region, start=start))
+    return (yield from with_boundary_points(image, history, outcome, points, asked=asked, region=region, start=start))
 
 
 def _kept(image: Image, surface: BSplineSurface, options: FitOptions, stacks: JointStacks) -> Outcome:

@@ -49,7 +49,7 @@ class RelativeMotions:
 
 
 def relative_motions(
-    surface: BSplineSurface, alignments: Sequence[Alignment], trusts: Sequence[float]
+    surface: BSplineSurface, alignments: Sequence[Alignment], voxel_weights: Sequence[float]
 ) -> RelativeMotions:
     """Improve the motions of further stacks relative to the first one, by the edges of all stacks.
 
@@ -59,7 +59,7 @@ def relative_motions(
         Near the edges.
     alignments : sequence of 1 + k Alignment
         Of the surface in the first stack, with the identity as motion, and in the further ones.
-    trusts : sequence of 1 + k float
+    voxel_weights : sequence of 1 + k float
         Weight of a voxel of each stack.
 
     Returns
@@ -82,7 +82,7 @@ def relative_motions(
     along = np.column_stack([np.einsum("jnk,nk->nj", displacements, normals), np.ones(len(points))])
     held = np.einsum("ank,bnk->ab", displacements, displacements) / len(points)
 
-    weights = np.array([_weights(each, trust) for each, trust in zip(alignments, trusts)])
+    weights = np.array([_weights(each, voxel_weight) for each, voxel_weight in zip(alignments, voxel_weights)])
     offsets = np.array([each.offsets for each in alignments])
     motions = [each.motion for each in alignments[1:]]
     before = np.array([_unknowns(motion, center) for motion in motions])
@@ -145,13 +145,15 @@ def _variance(weights: np.ndarray, offsets: np.ndarray, moved: np.ndarray) -> fl
     return float((weights * residuals**2).sum() * (shared**2).sum() / max(shared.sum() ** 2, 1e-300))
 
 
-def _weights(found: Alignment, trust: float) -> np.ndarray:
+def _weights(found: Alignment, voxel_weight: float) -> np.ndarray:
     """Weights of a stack's offsets, (n,): in proportion to its voxels; 0 on lines without an edge."""
     if found.view is None:
         return np.zeros_like(found.offsets)
     voxel = found.view.voxel
     near = np.clip(1.0 - (found.offsets / (_FARTHEST * found.view.tau)) ** 2, 0.0, None) ** 2
-    return near * trust * found.sharpness / (abs(np.linalg.det(voxel)) * np.linalg.norm(voxel, axis=0).min() ** 2)
+    return (
+        near * voxel_weight * found.sharpness / (abs(np.linalg.det(voxel)) * np.linalg.norm(voxel, axis=0).min() ** 2)
+    )
 
 
 def _unknowns(motion: np.ndarray, center: np.ndarray) -> np.ndarray:

@@ -70,7 +70,7 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     return replace(region, diagnostics=(*region.diagnostics, contradiction))
 
 
-def explains(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, away: np.ndarray) -> bool:
+def replaces(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, away: np.ndarray) -> bool:
     """Whether the second fit replaces the first one.
 
     Parameters

@@ -6,11 +6,11 @@ the images; all images that are compared with one surface share it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
 
 from ..geometry.parametrization import Parametrization
 from ..geometry.surface import BSplineSurface
@@ -327,6 +327,32 @@ class SampledSurface:
         for rows, columns, block in whole:
             total[np.ix_(rows, columns)] += block
         return total
+
+
+def mean_over_neighbours(
+    values: np.ndarray, weights: np.ndarray, shape: tuple[int, int], sigma: Sequence[float], *, least: float = 0.0
+) -> np.ndarray:
+    """Gaussian-weighted mean over the neighbourhood of each normal line.
+
+    Parameters
+    ----------
+    values, weights : (n_u * n_v,) ndarray
+    shape : (n_u, n_v)
+        The lines as a grid, periodic in u.
+    sigma : (float, float)
+        Standard deviations of the Gaussian, in lines.
+    least : float
+        Lower limit of the sum of weights.
+
+    Returns
+    -------
+    (n_u * n_v,) ndarray
+    """
+    above, below = (
+        ndimage.gaussian_filter(part.reshape(shape), sigma, mode=("wrap", "nearest")).ravel()
+        for part in (weights * values, weights)
+    )
+    return above / np.maximum(below, least)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ class View:
         In the voxels of the stack before it was moved.
     motion : (4, 4) ndarray
         Rigid: takes the frame of the fit to that of `volumes`.
-    trust : float
+    voxel_weight : float
         Weight of a voxel, relative to a voxel of the first image.
     """
 
@@ -48,7 +48,7 @@ class View:
     tau: float
     volumes: PartialVolumes
     motion: np.ndarray
-    trust: float = 1.0
+    voxel_weight: float = 1.0
 
     def moved(self, motion: np.ndarray) -> View:
         """Move the image by a rigid motion, (4, 4)."""
@@ -87,4 +87,4 @@ class View:
         # Given levels are those of the first image.
         mode = "local" if options.levels == "given" else options.levels
         shares = partial(self.shares_along, within=within)
-        return FurtherImage(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.trust)
+        return FurtherImage(self.sampler, VirtualImage(profile, mode, self.voxel, shares), self.voxel_weight)

@@ -29,13 +29,13 @@ class FurtherImage:
         The image, in the frame of the surface.
     virtual : VirtualImage
         With this image's levels, width of the edge and voxel.
-    trust : float
+    voxel_weight : float
         Weight of a voxel, relative to a voxel of the first image.
     """
 
     sampler: Sampler
     virtual: VirtualImage
-    trust: float = 1.0
+    voxel_weight: float = 1.0
 
 
 def line_shares(images: Sequence[FurtherImage], frame: Frame, reach: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def line_shares(images: Sequence[FurtherImage], frame: Frame, reach: float) -> n
         ends = virtual.profile.depths(reach, 3)
         inside = image.sampler.values(frame.along_normals(ends))[1].mean(axis=1)
         length = np.linalg.norm(frame.normals @ virtual.voxel, axis=1)
-        weights.append(image.trust * inside / (abs(np.linalg.det(virtual.voxel)) * length**2))
+        weights.append(image.voxel_weight * inside / (abs(np.linalg.det(virtual.voxel)) * length**2))
     total = np.sum(weights, axis=0)
     return np.where(total > 0.0, np.array(weights) / np.where(total > 0.0, total, 1.0), 1.0 / len(images))
 

@@ -102,7 +102,6 @@ def _fitted(
 
 def _over_neighbours(numbers: np.ndarray) -> np.ndarray:
     """Average numbers of all lines, (n, k), over their neighbours."""
-    grid = numbers.reshape(*_LINES, -1)
-    for axis, mode in enumerate(("wrap", "nearest")):
-        grid = ndimage.gaussian_filter1d(grid, _NEIGHBOURHOOD * _LINES[axis], axis=axis, mode=mode)
+    sigma = [*(_NEIGHBOURHOOD * count for count in _LINES), 0.0]
+    grid = ndimage.gaussian_filter(numbers.reshape(*_LINES, -1), sigma, mode=("wrap", "nearest", "nearest"))
     return grid.reshape(numbers.shape)
