@@ -400,7 +400,7 @@ def test_a_point_far_away_is_refused(image, fit):
     with pytest.raises(ValueError, match=message):
         finish(refit(image, fit.surface, boundary_points=points))
     with pytest.raises(ValueError, match=message):
-        finish(fit_organ(image, SEED, FitOptions(net=(9, 7)), boundary_points=points))
+        finish(fit_organ(image, SEED, FitOptions(net=(9, 7), max_iterations=2), boundary_points=points))
 
 
 def test_a_surface_that_is_no_closed_organ_is_refused(image):

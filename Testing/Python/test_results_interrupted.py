@@ -58,21 +58,21 @@ def test_two_runs_at_the_same_time_both_leave_their_organ(images, tmp_path):
     more = ["--net", "7x6", "--no-pictures", "--quiet", "--output", str(tmp_path / "out")]
     runs = [
         subprocess.Popen([*start, "--organ", name, *more], env=environment, stderr=subprocess.PIPE)
-        for name in ("bladder", "rectum", "uterus")
+        for name in ("bladder", "rectum")
     ]
-    assert [run.communicate()[1] for run in runs] == [b""] * 3
-    assert [run.returncode for run in runs] == [0, 0, 0]
-    assert set(check_report(tmp_path / "out", others=())["organs"]) == {"bladder", "rectum", "uterus"}
+    assert [run.communicate()[1] for run in runs] == [b""] * 2
+    assert [run.returncode for run in runs] == [0, 0]
+    assert set(check_report(tmp_path / "out", others=())["organs"]) == {"bladder", "rectum"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no fork")
 def test_fits_that_are_ended_at_random_moments_leave_old_or_new_results():
     """A few of the moments of the benchmark, which takes 100."""
     run = subprocess.run(
-        [sys.executable, ROOT / "Testing" / "benchmarks" / "kills.py", "--moments", "3"],
+        [sys.executable, ROOT / "Testing" / "benchmarks" / "kills.py", "--moments", "2"],
         capture_output=True,
         text=True,
         check=False,
     )
     assert run.returncode == 0, run.stdout + run.stderr
-    assert "3 fits of about" in run.stdout
+    assert "2 fits of about" in run.stdout
