@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..registration.options import IN_POWERS_OF_TEN, LEFT_TO_THE_FIT, OPTIONS, WITH_DEFAULT, FitOptions
+from ..registration.options import AUTOMATIC, IN_POWERS_OF_TEN, OPTIONS, WITH_DEFAULT, FitOptions
 
 # Option, parameter of an organ, widget. A label has the name of the widget, such as "netLabel".
 WIDGETS = (
@@ -54,7 +54,7 @@ def optionTexts(translate=str):
         option, default = OPTIONS[name], getattr(FitOptions, name)
         texts = option.label, option.help, option.automatic or option.choices.get(default, f"{default}")
         label, does, usual = map(translate, texts)
-        template = LEFT_TO_THE_FIT if parameter.endswith("Automatic") else WITH_DEFAULT
+        template = AUTOMATIC if parameter.endswith("Automatic") else WITH_DEFAULT
         toolTips[widget] = translate(template).format(help=does, default=usual)
         first, *others = name.split("_")
         labels[first + "".join(map(str.capitalize, others)) + "Label"] = f"{label[0].upper()}{label[1:]}:"

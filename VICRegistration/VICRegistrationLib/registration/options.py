@@ -23,7 +23,7 @@ _GREY_LEVELS = (-1e6, 1e6)
 
 # Tooltips of the panel.
 WITH_DEFAULT = _("{help}. Default: {default}.")
-LEFT_TO_THE_FIT = _("Leave it to the fit (default): {default}. Untick it to choose yourself.")
+AUTOMATIC = _("Automatic (default): {default}. Untick to choose yourself.")
 IN_POWERS_OF_TEN = _("Shown as a power of ten; the left end means 0.")
 
 
@@ -76,7 +76,7 @@ class FitOptions:
         None,
         _("control net"),
         _("Rows of control points around the organ and columns from pole to pole, in the paper's counting"),
-        _("9x7, 17x11 or 33x19: the finest that lowers the cost by more than noise explains"),
+        _("9x7, 17x11 or 33x19, the finest that lowers the cost by more than noise explains"),
         limits=(5, LARGEST_NET),
         whole=True,
         pair="ROWSxCOLUMNS",
