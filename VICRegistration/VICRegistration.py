@@ -30,7 +30,7 @@ class VICRegistration(ScriptedLoadableModule):
         ScriptedLoadableModule.__init__(self, parent)
         self.parent.title = _("VIC Registration")
         self.parent.categories = [translate("qSlicerAbstractCoreModule", "Segmentation")]
-        # Their classes are named when this file is read.
+        # Slicer must load these first: classes of theirs are used when this file is imported.
         self.parent.dependencies = ["Markups", "Models", "Plots", "Segmentations", "SubjectHierarchy", "Tables"]
         self.parent.contributors = ["VICRegistration contributors"]
         self.parent.helpText = _(
@@ -54,13 +54,13 @@ def registerSampleData():
 
 
 class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
-    """Ties the life of the panel to that of the module and the scene."""
+    """Opens and closes the panel with the module and the scene."""
 
     def __init__(self, parent=None):
         VTKObservationMixin.__init__(self)
         self.logic = self.panel = self.ui = None
         self._reopen = False
-        # Last: without a parent it builds the panel at once.
+        # Last, because without a parent it calls setup at once.
         ScriptedLoadableModuleWidget.__init__(self, parent)
 
     def setup(self):
@@ -79,7 +79,7 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
             self.addObserver(scene, event, self.onSceneGoes)
         for event in (scene.EndCloseEvent, scene.EndImportEvent):
             self.addObserver(scene, event, self.onSceneCame)
-        # Not only when it is entered: after a reload it is not, nor is the panel that a script asks for.
+        # Slicer does not call enter after a reload, nor for a panel that a script asks for.
         self.panel.open()
 
     def enter(self):
@@ -87,11 +87,11 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         self.panel.open()
 
     def exit(self):
-        """Leave the scene to other modules; a fit under way goes on."""
+        """Follow the scene no longer; a fit under way goes on."""
         self.panel.close()
 
     def cleanup(self):
-        """Let go of everything."""
+        """Stop the panel and remove observers."""
         if self.panel is not None:
             self.panel.stop()
         self.removeObservers()
@@ -103,19 +103,19 @@ class VICRegistrationWidget(ScriptedLoadableModuleWidget, VTKObservationMixin):
         ScriptedLoadableModuleWidget.onReload(self)
 
     def onSceneGoes(self, caller=None, event=None):
-        """End a fit and follow nothing, before the scene is closed or another one is added to it."""
+        """Stop the panel before the scene is closed or another one is imported."""
         self._reopen = self._reopen or self.panel.isOpen
         self.panel.stop()
 
     def onSceneCame(self, caller=None, event=None):
-        """Show what the scene holds now."""
+        """Open the panel for the scene as it is now."""
         if self._reopen:
             self._reopen = False
             self.panel.open()
 
 
 class VICRegistrationLogic(ScriptedLoadableModuleLogic):
-    """Separates, fits and corrects organs of the scene; what a script makes is seen in the panel, and the reverse."""
+    """Separates, fits and corrects organs of the scene; scripts and the panel share the same organs."""
 
     def getParameterNode(self):
         """Parameters of the module.
@@ -132,7 +132,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         Returns
         -------
         VICRegistrationLib.mrml.organs.Organs
-            To be iterated, and to add, rename and remove organs with.
+            Can be iterated; adds, renames and removes organs.
         """
         return Organs(self.getParameterNode())
 
@@ -150,11 +150,11 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
             Grey levels of the organ; suggested from the seeds if not given.
         name : str
         erosion : float, optional
-            Cuts bridges to neighbours, mm; automatic if not given.
+            Depth of erosion that cuts bridges to neighbours, mm; automatic if not given.
         dilation : float, optional
-            Grows the region back, mm; as far as the erosion if not given.
+            Depth by which the region grows back, mm; as the erosion if not given.
         segment : (vtkMRMLSegmentationNode, str), optional
-            Segmentation and the ID of the segment to take instead of seeds and thresholds.
+            Segmentation and ID of a segment, to be used instead of seeds and thresholds.
 
         Returns
         -------
@@ -190,18 +190,18 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         volumeNode, seeds, thresholds, **rest
             As for :meth:`addOrgan`.
         options : VICRegistrationLib.registration.options.FitOptions, optional
-            How to fit; the other parameters say how to separate.
+            Options of the fit; those of the separation are the other parameters.
         boundaryPoints : (n, 3) array_like, optional
             Points that the surface is to pass through, world RAS mm.
         further : sequence of vtkMRMLScalarVolumeNode
-            Other volumes of the patient, which the surface is fitted to as well.
+            Further stacks of the patient, which the surface is fitted to as well.
         onStep : callable, optional
             Called with every step.
 
         Returns
         -------
         VICRegistrationLib.mrml.parameters.OrganParameters
-            Its `surface` is the model node, `convergence` a table, `volumeMl` and `message` have the result.
+            Its `surface` is the model node and `convergence` a table; `volumeMl` and `message` have the result.
 
         Raises
         ------
@@ -261,12 +261,12 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         Raises
         ------
         ValueError
-            If the organ has none.
+            If the organ has no surface.
         """
         return surfaces.surfaceOf(organ)
 
     def setSurface(self, organ, surface):
-        """Give an organ a surface to start a refit from, such as one of another program.
+        """Set the surface of an organ, for instance one of another program, to start a refit from.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         segment : str, optional
             ID or name of the segment; not needed if there is only one.
         patient : str, optional
-            That of the volume if not given.
+            The name stored with the volume if not given.
 
         Returns
         -------
