@@ -315,13 +315,13 @@ class VICRegistrationLogic(ScriptedLoadableModuleLogic):
         Raises
         ------
         ValueError
-            If the surface does not have that.
+            If the surface has no such scalars.
         """
         colors.colorBy(organ.surface, name)
 
     @contextlib.contextmanager
     def _added(self, volumeNode, seeds, thresholds, *, name="organ", erosion=None, dilation=None, segment=None):
-        """Add an organ with what its separation starts from; it is removed again when what follows fails."""
+        """Add an organ with its seeds or segment, and remove it again if the work on it fails."""
         volumes.imageFromVolume(volumeNode)
         parameters = self.getParameterNode()
         with Organs(parameters).adding(name) as organ:
