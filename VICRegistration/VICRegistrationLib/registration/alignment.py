@@ -196,11 +196,11 @@ def _refined(sampler: Sampler, surface: BSplineSurface, motion: np.ndarray, know
         if stage is None:
             break
         center = moved.control_net.reshape(-1, 3).mean(axis=0)
-        space = SampledSurface(rigid(moved, center), _grid(surface))
+        sampled_surface = SampledSurface(rigid(moved, center), _grid(surface))
         # Lines along which voxels are longer determine the edge less exactly. With the square of the length, and
         # without it, the motion of the demo's rectum is wrong by up to 0.6 mm.
-        blur = stage.virtual.blur(space.frame(np.zeros(6)).normals)
-        correlation = stage.correlation(space, share=known / blur)
+        blur = stage.virtual.blur(sampled_surface.frame(np.zeros(6)).normals)
+        correlation = stage.correlation(sampled_surface, share=known / blur)
         energies = correlation.energies(bending=0.0, sliding=stage.sliding, anchor=0.0)
         so_far = np.append(Rotation.from_matrix(motion[:3, :3]).as_rotvec(), center - middle)
         for iterate, _ in iterate_stage(stage, Objective([correlation], stiffness=energies, reference=-so_far)):
@@ -273,8 +273,8 @@ def measured(
     stage = _stage(sampler, moved, tau, shares)
     if stage is None:
         return Alignment(motion, None, 0.0, 0.0, 0.0, np.inf, *np.zeros((3, np.prod(SAMPLES))))
-    space = SampledSurface(rigid(moved, np.zeros(3)), _grid(surface))
-    correlation = stage.correlation(space, share=known)
+    sampled_surface = SampledSurface(rigid(moved, np.zeros(3)), _grid(surface))
+    correlation = stage.correlation(sampled_surface, share=known)
     samples = correlation.sample(np.zeros(6))
     area = samples.frame.area
     inside = sampler.values(samples.frame.along_normals(stage.virtual.profile.depths(stage.reach, 3)))[1].mean(axis=1)

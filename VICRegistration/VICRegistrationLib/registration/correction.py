@@ -177,12 +177,12 @@ def _passed(
 
 def _deformed(before: BSplineSurface, points: np.ndarray, ball: float, options: FitOptions) -> BSplineSurface:
     """Deform a surface through the points, with the smaller radius if the larger one moves walls too far."""
-    space = sampled(before, options.closure).parametrization
+    parametrization = sampled(before, options.closure).parametrization
     distances = closest_points(before, points).distances
     farthest = np.abs(distances).max()
     for share in _RADII:
         radius = max(share * ball, (_DISTANCES if share == _RADII[0] else _LEAST_DISTANCES) * farthest)
-        deformed = deformed_through(space, points, radius)
+        deformed = deformed_through(parametrization, points, radius)
         moved = closest_points(before, deformed.points(*deformed.midpoints(*_SAMPLES))).distances
         beyond = max(-moved.min() + min(distances.min(), 0.0), moved.max() - max(distances.max(), 0.0))
         if beyond < _BEYOND * farthest and not check_surface(deformed):
@@ -218,26 +218,26 @@ class _Observed:
 
     def fitted(self, stage: Stage) -> Generator[Step, None, Step]:
         """Run a stage on the grey levels from the deformed surface, step by step; returns the last step."""
-        space = sampled(self.deformed, self.options.closure)
+        sampled_surface = sampled(self.deformed, self.options.closure)
         width = stage.virtual.profile.width
-        correlations = stage.correlations(space, share=self._nearness(space, self.reach))
+        correlations = stage.correlations(sampled_surface, share=self._nearness(sampled_surface, self.reach))
         weights = self.options.boundary_weight * np.pi * self.reach**2 / (width**2 * self.before.area())
-        stiffness, reference = self._with_points(space, weights, *self._hold(correlations, stage))
+        stiffness, reference = self._with_points(sampled_surface, weights, *self._hold(correlations, stage))
         objective = Objective(correlations, stiffness=stiffness, reference=reference)
-        step, whole = None, Objective(stage.correlations(space))
+        step, whole = None, Objective(stage.correlations(sampled_surface))
         for iteration, (iterate, stopped_by) in enumerate(iterate_stage(stage, objective), start=1):
-            reached = space.parametrization.deform(iterate.q)
+            reached = sampled_surface.parametrization.deform(iterate.q)
             step = Step(stage.name, iteration, whole.cost_of(reached), iterate.displacement, reached, stopped_by)
             yield step
         return step
 
-    def _nearness(self, space: SampledSurface, radii: np.ndarray) -> np.ndarray:
+    def _nearness(self, sampled_surface: SampledSurface, radii: np.ndarray) -> np.ndarray:
         """Weight of each normal line of the deformed surface by its distance from the points, (n,).
 
         1 at a point and between two that are close together, 0 far from all and on the other side of the organ. Without
         the distinction of sides, the error of a bladder with eight points is 1.24 in place of 1.19 mm.
         """
-        frame = space.frame(np.zeros(space.n_dof))
+        frame = sampled_surface.frame(np.zeros(sampled_surface.n_dof))
         alike = frame.normals @ self.deformed.normals(*self.feet.parameters.T).T
         near = np.clip(alike, 0.0, 1.0) * np.exp(-((cdist(frame.points, self.feet.points) / radii) ** 4))
         return 1.0 - (1.0 - near).prod(axis=1)
@@ -248,28 +248,30 @@ class _Observed:
         Away from the points their minimum is the surface before the correction. Without that, a point 5 mm off the
         demo's bladder moves walls far from it by 0.97 in place of 0.19 mm.
         """
-        space = correlations[0].surface
-        frame = space.frame(np.zeros(space.n_dof))
-        near = self._nearness(space, _NEAR * self.reach)
+        sampled_surface = correlations[0].surface
+        frame = sampled_surface.frame(np.zeros(sampled_surface.n_dof))
+        near = self._nearness(sampled_surface, _NEAR * self.reach)
         unit = stage.virtual.profile.width**2
         way_back = (self.before.control_net - self.deformed.control_net).reshape(-1, 3)
-        back = np.einsum("nk,nk->n", space.grid.bases[0] @ way_back, frame.normals)
+        back = np.einsum("nk,nk->n", sampled_surface.grid.bases[0] @ way_back, frame.normals)
         weight = _HOLD * frame.area / unit
         along = frame.normals[:, :, None] * frame.normals[:, None, :]
         energy = correlations[0].energies(bending=stage.bending, sliding=stage.sliding, anchor=0.0)
-        energy = energy + space.quadratic_form(weight[:, None, None] * along)
-        return energy, space.normal_motion(frame.normals).T @ (weight * (1.0 - near) * back)
+        energy = energy + sampled_surface.quadratic_form(weight[:, None, None] * along)
+        return energy, sampled_surface.normal_motion(frame.normals).T @ (weight * (1.0 - near) * back)
 
-    def _with_points(self, space: SampledSurface, weights: np.ndarray, energy, pull: np.ndarray):
+    def _with_points(self, sampled_surface: SampledSurface, weights: np.ndarray, energy, pull: np.ndarray):
         """Add the squared distances of the points to the energies: matrix of the sum, and its minimum, (n_dof,).
 
         The distance of a point is that from its foot, the place of the deformed surface that was nearest to it.
         """
         u, v = self.feet.parameters.T
         offsets, basis = self.points - self.deformed.points(u, v), _basis(self.deformed, u, v)
-        total, right = sparse.csc_matrix((space.n_dof, space.n_dof)), pull.copy()
-        for k, (matrix, index) in enumerate(zip(space.parametrization.matrices, space.parametrization.indices)):
-            motion = sparse.csr_matrix((len(weights), space.n_dof)).tolil()
+        total, right = sparse.csc_matrix((sampled_surface.n_dof, sampled_surface.n_dof)), pull.copy()
+        for k, (matrix, index) in enumerate(
+            zip(sampled_surface.parametrization.matrices, sampled_surface.parametrization.indices)
+        ):
+            motion = sparse.csr_matrix((len(weights), sampled_surface.n_dof)).tolil()
             motion[:, index] = basis @ matrix
             motion = motion.tocsr()
             total = total + motion.T @ sparse.diags(weights) @ motion

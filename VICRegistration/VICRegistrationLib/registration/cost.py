@@ -356,8 +356,8 @@ class Objective:
         """Largest displacement of a control point by a step of the degrees of freedom, mm."""
         largest = 0.0
         for cost in self.costs:
-            space = cost.parametrization
-            moved = [matrix @ step[index] for matrix, index in zip(space.matrices, space.indices)]
+            parametrization = cost.parametrization
+            moved = [matrix @ step[index] for matrix, index in zip(parametrization.matrices, parametrization.indices)]
             largest = max(largest, float(np.sqrt(sum(part**2 for part in moved)).max()))
         return largest
 

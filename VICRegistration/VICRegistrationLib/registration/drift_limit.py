@@ -61,7 +61,7 @@ def drift(surface: BSplineSurface, region: RegionImage) -> Diagnostic | None:
 
 
 def within_drift_limit(
-    found: Step, schedule: Schedule, space: SampledSurface, *, on_region: Step, fallback: Step, called: str
+    found: Step, schedule: Schedule, template: SampledSurface, *, on_region: Step, fallback: Step, called: str
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
     """Keep a valid surface within the drift limit; otherwise fit to the grey levels again, held closer to the region.
 
@@ -71,8 +71,8 @@ def within_drift_limit(
         Last step of the fit.
     schedule : Schedule
         Of that fit.
-    space : SampledSurface
-        Of its net.
+    template : SampledSurface
+        Degrees of freedom and samples for its net.
     on_region : Step
         Last step of the stage on the region: the second fit starts from its surface, which is kept if that fit fails.
     fallback : Step
@@ -98,7 +98,7 @@ def within_drift_limit(
     for stage in (closer.coarse, closer.fine):
         # Names of stages must differ, and surfaces of more than one net may be refused.
         name = f"{stage.name}, {net}, held {_CLOSER:g} times closer"
-        step = yield from last_step(replace(stage, name=name), space.at(step.surface))
+        step = yield from last_step(replace(stage, name=name), template.at(step.surface))
     if drift(step.surface, schedule.region) is None:
         done = Diagnostic("held_closer", {"net": net, "factor": _CLOSER})
         return step, (Choice("drift limit", f"{_CLOSER:g} times closer", (reason, done)),)

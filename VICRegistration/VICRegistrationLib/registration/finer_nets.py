@@ -62,19 +62,19 @@ def fit_finer(
     halvings = 0
     while net_of(found.surface, closure) != wanted and (wanted is not None or halvings < MOST_HALVINGS):
         halvings += 1
-        space, fewer = (sampled_net(first, closure, count) for count in (halvings, halvings - 1))
+        template, fewer = (sampled_net(first, closure, count) for count in (halvings, halvings - 1))
         start = replace(found, surface=found.surface.refined())
-        explained = noise_share(space.n_dof - fewer.n_dof, schedule.voxels_along(start.surface))
+        explained = noise_share(template.n_dof - fewer.n_dof, schedule.voxels_along(start.surface))
         # The expected decrease from the first net is not reliable, as that net is too coarse.
         if wanted is None and halvings > 1:
-            expected = expected_decrease(schedule.fine, space.at(start.surface))
+            expected = expected_decrease(schedule.fine, template.at(start.surface))
             if expected <= _EXPECTED * explained:
                 reasons.append(_reason("finer_net_not_tried", start, closure, explained, expected=expected))
                 break
-        step, choices = yield from _fit_from(start, schedule, space)
+        step, choices = yield from _fit_from(start, schedule, template)
         limited += choices
         if wanted is None:
-            gained = _gain(schedule, space, start, step)
+            gained = _gain(schedule, template, start, step)
             code = "finer_net_lowered_cost" if gained >= 0.0 else "finer_net_raised_cost"
             reasons.append(_reason(code, start, closure, explained, change=abs(gained)))
             if gained <= explained:
@@ -87,7 +87,7 @@ def fit_finer(
 
 
 def _fit_from(
-    start: Step, schedule: Schedule, space: SampledSurface
+    start: Step, schedule: Schedule, template: SampledSurface
 ) -> Generator[Step, None, tuple[Step, tuple[Choice, ...]]]:
     """Run the stages on the region and on the grey levels from a surface with a finer net.
 
@@ -98,20 +98,20 @@ def _fit_from(
     steps = [start]
     for stage in (schedule.on_region, schedule.coarse, schedule.fine):
         stage = replace(stage, name=f"{stage.name}, {net}")
-        steps.append((yield from last_step(stage, space.at(steps[-1].surface))))
+        steps.append((yield from last_step(stage, template.at(steps[-1].surface))))
     _, on_region, _, found = steps
     return (
         yield from within_drift_limit(
-            found, schedule, space, on_region=on_region, fallback=start, called="surface of the coarser net"
+            found, schedule, template, on_region=on_region, fallback=start, called="surface of the coarser net"
         )
     )
 
 
-def _gain(schedule: Schedule, space: SampledSurface, start: Step, end: Step) -> float:
+def _gain(schedule: Schedule, template: SampledSurface, start: Step, end: Step) -> float:
     """Relative decrease of the cost by a fit, measured half-way between the normal lines of the fit."""
     shape = grid_shape(net_of(end.surface, schedule.options.closure))
     between = SampleGrid.on(end.surface, shape, between=True)
-    objective = Objective(schedule.fine.correlations(SampledSurface(space.parametrization.at(end.surface), between)))
+    objective = Objective(schedule.fine.correlations(SampledSurface(template.parametrization.at(end.surface), between)))
     return 1.0 - objective.cost_of(end.surface) / objective.cost_of(start.surface)
 
 

@@ -78,7 +78,7 @@ class JointStacks:
         self._kept: dict[int, tuple[np.ndarray, Sampler, PartialVolumes]] = {}
 
     def joined(
-        self, schedule: Schedule, step: Step, space: SampledSurface
+        self, schedule: Schedule, step: Step, template: SampledSurface
     ) -> Generator[Step, None, tuple[Schedule, Step]]:
         """Align all stacks with a surface from the first one, and fit the surface to those that are used.
 
@@ -87,8 +87,8 @@ class JointStacks:
         schedule : Schedule
         step : Step
             Last step of the coarse stage.
-        space : SampledSurface
-            Of its net.
+        template : SampledSurface
+            Degrees of freedom and samples for its net.
 
         Yields
         ------
@@ -115,7 +115,7 @@ class JointStacks:
                 continue
             name = "all stacks" if together else f"{len(schedule.views) + 1} stacks"
             stage = replace(schedule.coarse, name=f"grey levels, coarse, {name}")
-            step = yield from last_step(stage, space.at(step.surface))
+            step = yield from last_step(stage, template.at(step.surface))
             self._fitted.update(group)
         return schedule, step
 
@@ -163,9 +163,9 @@ class JointStacks:
         if not schedule.views:
             return schedule, found
         net, closure = schedule.options.net, schedule.options.closure
-        space = sampled_net(net, closure, halvings_to(surface, net, closure))
+        template = sampled_net(net, closure, halvings_to(surface, net, closure))
         stage = replace(schedule.fine, name="grey levels, fine, motion found again")
-        found = yield from last_step(stage, space.at(surface))
+        found = yield from last_step(stage, template.at(surface))
         return schedule, found
 
     def leave_out_contradicting(self) -> bool:

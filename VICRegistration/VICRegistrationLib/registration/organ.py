@@ -232,12 +232,12 @@ class _Start:
 def _started(model: BSplineSurface, schedule: Schedule, prefix: str = "") -> Generator[Step, None, _Start]:
     """Run those three stages from a generic model; the prefix is put before their names."""
     closure = schedule.options.closure
-    space = sampled_net(net_of(model, closure), closure)
-    scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), space.grid)
+    template = sampled_net(net_of(model, closure), closure)
+    scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), template.grid)
     steps = []
     for stage in (schedule.scaling, schedule.on_region, schedule.coarse):
         stage = replace(stage, name=f"{prefix}{stage.name}")
-        steps.append((yield from last_step(stage, space.at(steps[-1].surface) if steps else scaling)))
+        steps.append((yield from last_step(stage, template.at(steps[-1].surface) if steps else scaling)))
     return _Start(*steps)
 
 
@@ -247,15 +247,15 @@ def _on_grey_levels(
     """Register on the grey levels of all stacks, coarse and fine, then with finer nets."""
     scaled, on_region = start.scaled, start.on_region
     first = net_of(model, options.closure)
-    space = sampled_net(first, options.closure)
-    schedule, coarse = yield from stacks.joined(schedule, start.coarse, space)
+    template = sampled_net(first, options.closure)
+    schedule, coarse = yield from stacks.joined(schedule, start.coarse, template)
     if not schedule.views:
         # If all further stacks were left out, the result must be that of the first stack alone.
         schedule = schedule.without_partial_volumes()
     schedule, choices = choose_by(coarse, schedule.chosen(net=first), options)
-    fine = yield from last_step(schedule.fine, space.at(coarse.surface))
+    fine = yield from last_step(schedule.fine, template.at(coarse.surface))
     found, limited = yield from within_drift_limit(
-        fine, schedule, space, on_region=on_region, fallback=scaled, called="scaled model"
+        fine, schedule, template, on_region=on_region, fallback=scaled, called="scaled model"
     )
     found, (chosen_net, *more) = yield from fit_finer(found, schedule, options.net)
     schedule, found = yield from stacks.settled(schedule, found)
@@ -272,8 +272,8 @@ def _cost_of_model(model: BSplineSurface, found: BSplineSurface, schedule: Sched
     halvings = halvings_to(found, net, closure)
     for _ in range(halvings):
         model = model.refined()
-    space = sampled_net(net, closure, halvings)
-    return schedule.fine.cost_of(space.at(found), model)
+    template = sampled_net(net, closure, halvings)
+    return schedule.fine.cost_of(template.at(found), model)
 
 
 def used_points(points: np.ndarray, options: FitOptions) -> np.ndarray:

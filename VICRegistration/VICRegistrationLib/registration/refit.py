@@ -113,14 +113,14 @@ def _fit_again(
     """
     schedule, _ = choose_beside(surface, Schedule.around(image, surface, options), options)
     schedule = stacks.beside(schedule, surface)
-    space = sampled(surface, options.closure)
-    before = schedule.coarse.cost_of(space, surface)
-    free = yield from last_step(replace(schedule.coarse, name="grey levels, first look"), space)
+    sampled_surface = sampled(surface, options.closure)
+    before = schedule.coarse.cost_of(sampled_surface, surface)
+    free = yield from last_step(replace(schedule.coarse, name="grey levels, first look"), sampled_surface)
     schedule, choices = choose_by(free, schedule, options)
     reached = surface
     if free.cost < (1.0 - _LARGEST_GAIN_AT_EDGE) * before:
-        reached = (yield from last_step(schedule.chosen(anchor=ANCHOR).coarse, space)).surface
+        reached = (yield from last_step(schedule.chosen(anchor=ANCHOR).coarse, sampled_surface)).surface
     schedule = stacks.realigned(schedule, reached)
-    reached = (yield from last_step(schedule.fine, space.at(reached))).surface
-    cost = schedule.fine.cost_of(space.at(reached), surface)
+    reached = (yield from last_step(schedule.fine, sampled_surface.at(reached))).surface
+    cost = schedule.fine.cost_of(sampled_surface.at(reached), surface)
     return Outcome(schedule.options, choices, cost, stacks.uses(schedule, reached))
