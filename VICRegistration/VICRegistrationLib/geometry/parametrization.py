@@ -52,7 +52,7 @@ class Parametrization:
     _forms: dict = field(default_factory=dict, repr=False)
 
     def at(self, surface: BSplineSurface) -> Parametrization:
-        """Take another surface that the degrees of freedom reach as q = 0."""
+        """Copy with another surface at q = 0, which the degrees of freedom can reach."""
         return replace(self, surface=surface)
 
     def control_net(self, q: np.ndarray) -> np.ndarray:

@@ -256,7 +256,7 @@ class SampledSurface:
         return self.parametrization.n_dof
 
     def at(self, surface: BSplineSurface) -> SampledSurface:
-        """Take another surface that the degrees of freedom reach as q = 0."""
+        """Copy with another surface at q = 0, which the degrees of freedom can reach."""
         return SampledSurface(self.parametrization.at(surface), self.grid, use_sparse=self.sparse)
 
     def frame(self, q: np.ndarray) -> Frame:
