@@ -306,7 +306,7 @@ def test_any_name_can_be_drawn(tmp_path, image, organ, name):
 
 def test_the_header_says_what_to_look_at(organ):
     assert pictures.alarm(organ) == ""
-    assert pictures.alarm(replace(organ, verdict="poor")) == "poor"
+    assert pictures.alarm(replace(organ, verdict="poor")) == "verdict: poor"
     cut_off = replace(organ.fit, converged=False, region=replace(organ.fit.region, touches_border=("k-",)))
     told = pictures.alarm(replace(organ, fit=cut_off, warnings=("one", "two")))
     for words in ("not converged", "reaches the border", "2 warnings in the report"):

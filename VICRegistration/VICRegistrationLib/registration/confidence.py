@@ -9,7 +9,7 @@ added. Where no line shows an edge, the standard deviation is the one assumed wi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import ndimage
@@ -69,10 +69,10 @@ class Confidence:
     """
 
     surface: BSplineSurface
-    deviations: np.ndarray
-    supports: np.ndarray
-    areas: np.ndarray
-    points: np.ndarray
+    deviations: np.ndarray = field(repr=False)
+    supports: np.ndarray = field(repr=False)
+    areas: np.ndarray = field(repr=False)
+    points: np.ndarray = field(repr=False)
     volume_sd_ml: float
 
     def standard_deviation(self, parameters: np.ndarray) -> np.ndarray:

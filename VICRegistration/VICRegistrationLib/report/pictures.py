@@ -23,7 +23,8 @@ from .views import views_in_own_plane
 
 # Unlike the colours of the usual organs, and visible on bright and on dark grey levels.
 REFERENCE_COLOUR = "#3d6cff"
-_SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#ffffff", "o"), ("boundary point", "#ff4df0", "D")
+# A filled seed must look different from a hollow one on a bright lumen, too.
+_SEED_STYLE, _BOUNDARY_STYLE = ("seed", "#19e3ff", "o"), ("boundary point", "#ff4df0", "D")
 # Prefix of the stages of a second fit, after boundary points have contradicted the first one.
 _AGAIN = "through the points, "
 # Height for the names of all stages, in points of 1/72 inch.
@@ -302,7 +303,7 @@ def _draw_stages(axes, names: list) -> None:
 def alarm(organ: ReportedOrgan) -> str:
     """Most important warnings about a surface in a few words; empty if there are none."""
     fit, count = organ.fit, len(organ.warnings)
-    parts = [] if organ.verdict == "good" else [organ.verdict]
+    parts = [] if organ.verdict == "good" else [f"verdict: {organ.verdict}"]
     parts += [] if fit.converged else ["not converged"]
     parts += [f"invalid surface ({problem.kind})" for problem in fit.problems[:1]]
     whole = fit.whole_region or fit.region
