@@ -67,6 +67,7 @@ def test_objects_are_shown_in_one_line(image, fit):
     assert repr(image) == "Image(52 x 56 x 22 voxels of 1.2 x 1.2 x 3 mm, int16)"
     large = vic.Image.from_array(np.zeros((2, 2, 1024), dtype=bool), np.eye(4))
     assert repr(large) == "Image(1024 x 2 x 2 voxels of 1 x 1 x 1 mm, bool)"
+    assert "\n" not in repr(fit.confidence)
     for shown in (fit, fit.region, fit.surface):
         assert len(repr(shown)) < 120
         assert "\n" not in repr(shown)

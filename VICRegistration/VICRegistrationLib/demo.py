@@ -48,7 +48,7 @@ def run_demo(directory: Path) -> Path:
     RuntimeError
         If matplotlib is not installed.
     """
-    print("Painting a sagittal T2-weighted MRI of a pelvis ...")
+    print("Making a synthetic sagittal T2-weighted MRI of a pelvis ...")
     phantom = pelvis_phantom()
     with replacing_folder(directory / "phantom") as drafts:
         write_phantom(phantom, drafts)
