@@ -14,8 +14,9 @@ from slicer.util import VTKObservationMixin
 
 from ..mrml.organ_nodes import hasSegment, seedsOf, setRegionVisible
 from ..mrml.parameters import RegionSource
-from ..mrml.points import markedPoints, placingEvents
+from ..mrml.points import placedPoints, placingEvents
 from ..mrml.separating import canBeSeparated, separateOrgan
+from ..mrml.volumes import localPoints
 from .binding import Binding, SegmentChoice
 from .message_label import MessageLabel
 from .widgets import showPlaceButtons, showRow, signalsBlocked
@@ -157,7 +158,7 @@ class SeparateSection(VTKObservationMixin):
         threshold = (organ.threshold.minimum, organ.threshold.maximum)
         return (
             organ.source,
-            markedPoints(organ.seeds, self._volume).tobytes(),
+            localPoints(self._volume, placedPoints(organ.seeds)).tobytes(),
             None if organ.thresholdAutomatic else threshold,
             None if organ.erosionAutomatic else organ.erosionMm,
             None if organ.dilationAutomatic else organ.dilationMm,

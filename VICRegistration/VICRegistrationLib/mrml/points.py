@@ -6,8 +6,6 @@ import numpy as np
 import slicer
 from slicer.i18n import tr as _
 
-from .volumes import localPoints
-
 
 def createPoints(name, color):
     """Make an empty list of points, without labels in the views.
@@ -66,23 +64,6 @@ def placingEvents():
         node.PointRemovedEvent,
         node.PointEndInteractionEvent,
     )
-
-
-def markedPoints(markupsNode, volumeNode):
-    """Points that were placed in a list, in a volume's local frame.
-
-    Parameters
-    ----------
-    markupsNode : vtkMRMLMarkupsFiducialNode or None
-        Points that are still being placed do not count.
-    volumeNode : vtkMRMLScalarVolumeNode
-
-    Returns
-    -------
-    (n, 3) ndarray
-        Local RAS mm; empty without a list.
-    """
-    return localPoints(volumeNode, placedPoints(markupsNode))
 
 
 def addPoints(markupsNode, points):

@@ -7,10 +7,10 @@ from slicer.i18n import tr as _
 
 from .organ_nodes import hasSegment, segmentOf
 from .parameters import OrganState, RegionSource
-from .points import markedPoints
+from .points import placedPoints
 from .regions import regionFromSegment, regionVolumeMl, showRegion
 from .sentences import sentence
-from .volumes import imageFromVolume
+from .volumes import imageFromVolume, localPoints
 
 
 def canBeSeparated(organ):
@@ -85,7 +85,7 @@ def _regionOf(organ, volumeNode, image):
 
     if organ.source is RegionSource.SEGMENT:
         return regionFromSegment(organ.inputSegmentation, organ.inputSegmentId, volumeNode, image)
-    seeds = markedPoints(organ.seeds, volumeNode)
+    seeds = localPoints(volumeNode, placedPoints(organ.seeds))
     if not len(seeds):
         raise ValueError(_("The organ {name} has no seed. Place a point inside the organ.").format(name=organ.label))
     options = organ.options()
@@ -106,7 +106,7 @@ def _seedWarnings(organ, volumeNode, image, region):
 
     if organ.source is not RegionSource.SEGMENT:
         return []
-    seeds = markedPoints(organ.seeds, volumeNode)
+    seeds = localPoints(volumeNode, placedPoints(organ.seeds))
     if not len(seeds):
         return []
     voxels = np.rint(image.to_ijk(seeds)[:, ::-1]).astype(int) - np.asarray(region.offset)

@@ -14,7 +14,7 @@ import slicer
 from slicer.i18n import tr as _
 
 from ..messages import Diagnostic
-from .points import markedPoints, placedIn, placedPoints
+from .points import placedIn, placedPoints
 from .sentences import sentence
 from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints, withSameGrid
 
@@ -217,9 +217,9 @@ def wallPoints(organ, volumeNode):
         Local RAS mm. A point that was placed in a slice view of a further stack lies on the wall in that stack; the
         motion that the last fit found brings it to the wall in the volume.
     """
-    points, records = markedPoints(organ.boundaryPoints, volumeNode), stacksOf(organ)
-    placed = zip(placedIn(organ.boundaryPoints), placedPoints(organ.boundaryPoints))
-    for row, (shown, position) in enumerate(placed):
+    positions, records = placedPoints(organ.boundaryPoints), stacksOf(organ)
+    points = localPoints(volumeNode, positions)
+    for row, (shown, position) in enumerate(zip(placedIn(organ.boundaryPoints), positions)):
         node = withSameGrid(shown, [volumeNode, *records])
         if node in records and records[node].used:
             there = localPoints(node, position)
