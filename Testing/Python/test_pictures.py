@@ -253,7 +253,6 @@ def test_seeds_and_boundary_points_are_in_the_pictures(image, organ):
 @pytest.mark.parametrize(
     "stages",
     [
-        [f"grey levels, coarse, {number}x{number}" for number in range(12)],
         # A second fit, after boundary points have contradicted the first one.
         [f"{again}grey levels, coarse, {n}x17" for again in ("", "through the points, ") for n in range(20, 31)],
         # Surfaces that have folded.
@@ -264,7 +263,7 @@ def test_seeds_and_boundary_points_are_in_the_pictures(image, organ):
         ],
     ],
 )
-def test_legends_cover_neither_curves_nor_slices(image, organ, stages):
+def test_the_legend_of_the_curves_is_beside_them(image, organ, stages):
     history = [replace(organ.fit.history[-1], stage=stage, cost=10.0**-n) for n, stage in enumerate(stages)]
     long = replace(organ, fit=replace(organ.fit, history=tuple(history)))
     for figure in (pictures.organ_figure(image, long), pictures.page_figures(image, long)["convergence"]):
@@ -275,6 +274,9 @@ def test_legends_cover_neither_curves_nor_slices(image, organ, stages):
         assert legend.x1 <= figure.bbox.x1
         assert legend.y0 >= 0.0
         assert len(plot.get_legend().get_texts()) == len(stages) + (len(stages) > 12)
+
+
+def test_the_legend_of_the_slices_is_below_them(image, organ):
     figure = pictures.organ_figure(image, organ)
     pixels_of(figure)
     box = figure.axes[3].get_legend().get_window_extent()
