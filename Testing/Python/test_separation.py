@@ -279,7 +279,7 @@ def test_what_an_empty_slice_cuts_off_is_reported(image, from_label):
 @pytest.mark.parametrize(
     # The expert's outline runs about half a voxel outside of half height, 0.97 for such an organ.
     ("name", "least"),
-    [("crop_IM0465", 0.93), ("crop_IM0533", 0.93), ("full_p5", 0.93), ("crop_IM1383", 0.978)],
+    [("full_p5", 0.93), ("crop_IM1383", 0.978)],
 )
 def test_a_bladder_in_a_real_mri_is_separated_from_one_seed(separated_bladder, name, least):
     """Lobes beside IM1383 have less of an edge than its wall."""
