@@ -51,7 +51,7 @@ examples:
   vic-registration reproduce build/reproduce
 
 Exit status: 0; 2 for an error (one line on stderr says what is wrong, and nothing is written); 3 if --keep-going left
-organs out, --strict found a verdict poor, or model check found an error; 130 after Ctrl-C and 143 after SIGTERM
+organs out, --strict found a poor verdict, or model check found an error; 130 after Ctrl-C and 143 after SIGTERM
 (nothing is written).
 """
 
