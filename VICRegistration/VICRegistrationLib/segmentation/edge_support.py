@@ -12,7 +12,7 @@ from ..imaging.sampling import Sampler
 from .star_surface import STEP_SHARE, Star, blurred
 
 # As many voxels of the boundary are looked at.
-_MOST_PLACES = 3000
+MOST_PLACES = 3000
 # Before and behind an edge, levels are taken at so many places, one apart from the next and from the edge, mm.
 _SIDE, _STEP_MM = 3, 0.75
 # The edge is looked for so many places to either side of the boundary: a boundary that runs a millimetre beside it is
@@ -21,6 +21,57 @@ _BESIDE = 2
 _DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
 # Normals come from the voxels within this distance.
 _AROUND_MM = 3.0
+
+
+class EdgeStrengths:
+    """How much of an edge an image shows along the boundaries of masks.
+
+    Parameters
+    ----------
+    image : Image
+    star : Star
+        Give contrast and sign of the edge.
+    start, stop : (3,) array_like of int
+        Box of voxels (k, j, i) in which the boundaries lie.
+    """
+
+    def __init__(self, image: Image, star: Star, start, stop):
+        margin = margin_of(image)
+        low, high = np.maximum(start - margin, 0), np.minimum(stop + margin, image.array.shape)
+        crop = image.crop(low, high)
+        levels = blurred(Image(crop.array.astype(np.float32), crop.ijk_to_ras))
+        self._sampler, self._image, self._star = Sampler(Image(levels, crop.ijk_to_ras)), image, star
+
+    def at(self, mask: np.ndarray, voxels: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Look across a mask's boundary.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (nk, nj, ni)
+        voxels : ndarray of int, shape (n, 3)
+            Voxels (k, j, i) of the mask at its boundary.
+        start : ndarray of int, shape (3,)
+            First voxel (k, j, i) of the mask in the image.
+
+        Returns
+        -------
+        places : ndarray, shape (n, 3)
+            RAS mm.
+        strengths : ndarray, shape (n,)
+            From 0 to 1; NaN at the border of the volume.
+        """
+        normals = _normals(mask, voxels, self._image)
+        places = self._image.to_ras((voxels + start)[:, ::-1].astype(float))
+        levels, valid = self._sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
+        sides = sliding_window_view(levels if self._star.falls else -levels, _SIDE, axis=1)
+        falls = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
+        strengths = np.maximum(np.tanh(falls / (STEP_SHARE * self._star.contrast)), 0.0)
+        return places, np.where(valid.all(axis=1), strengths, np.nan)
+
+
+def margin_of(image: Image) -> np.ndarray:
+    """Voxels (k, j, i) beside a boundary that its edge is looked for in."""
+    return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
 
 
 def edge_support(image: Image, region: Region, star: Star) -> float:
@@ -58,21 +109,12 @@ def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray
         From 0 to 1.
     """
     voxels = boundary_voxels(region.mask)
-    voxels = voxels[:: -(-len(voxels) // _MOST_PLACES)]
-    normals = _normals(region, voxels)
-    places = region.image.to_ras(voxels[:, ::-1].astype(float))
-    start = np.maximum(np.asarray(region.offset) - _margin(image), 0)
-    stop = np.minimum(np.asarray(region.offset) + region.mask.shape + _margin(image), image.array.shape)
-    crop = image.crop(start, stop)
-    sampler = Sampler(Image(blurred(Image(crop.array.astype(np.float32), crop.ijk_to_ras)), crop.ijk_to_ras))
-    levels, valid = sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
-    seen = valid.all(axis=1)
-    if not seen.any():
-        return np.empty((0, 3)), np.empty(0)
-    levels = levels[seen] if star.falls else -levels[seen]
-    sides = sliding_window_view(levels, _SIDE, axis=1)
-    falls = sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)
-    return places[seen], np.maximum(np.tanh(falls.max(axis=1) / (STEP_SHARE * star.contrast)), 0.0)
+    voxels = voxels[:: -(-len(voxels) // MOST_PLACES)]
+    start = np.asarray(region.offset)
+    edges = EdgeStrengths(image, star, start, start + region.mask.shape)
+    places, strengths = edges.at(region.mask, voxels, start)
+    seen = np.isfinite(strengths)
+    return places[seen], strengths[seen]
 
 
 def area_without_edge(image: Image, region: Region, star: Star) -> float:
@@ -110,19 +152,14 @@ def agreement(first: Region, second: Region) -> float:
     return 2.0 * common / (np.count_nonzero(first.mask) + np.count_nonzero(second.mask))
 
 
-def _margin(image: Image) -> np.ndarray:
-    """Voxels (k, j, i) that are looked at around a region."""
-    return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
-
-
-def _normals(region: Region, voxels: np.ndarray) -> np.ndarray:
-    """Outward normals at voxels of a region's boundary: away from the middle of its voxels around, (n, 3) RAS."""
-    reach = np.maximum(np.floor(_AROUND_MM / region.spacing), 1).astype(int)
+def _normals(mask: np.ndarray, voxels: np.ndarray, image: Image) -> np.ndarray:
+    """Outward normals at voxels of a mask's boundary: away from the middle of its voxels around, (n, 3) RAS."""
+    reach = np.maximum(np.floor(_AROUND_MM / image.spacing), 1).astype(int)
     offsets = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in reach), indexing="ij"), axis=-1).reshape(-1, 3)
-    steps = offsets @ region.ijk_to_ras[:3, :3].T
-    offsets = offsets[np.linalg.norm(steps, axis=1) <= max(_AROUND_MM, region.spacing.max())]
-    steps = offsets @ region.ijk_to_ras[:3, :3].T
-    padded = np.pad(region.mask, [(n, n) for n in reach[::-1]])
+    steps = offsets @ image.ijk_to_ras[:3, :3].T
+    near = np.linalg.norm(steps, axis=1) <= max(_AROUND_MM, image.spacing.max())
+    offsets, steps = offsets[near], steps[near]
+    padded = np.pad(mask, [(n, n) for n in reach[::-1]])
     k, j, i = np.moveaxis(voxels[:, None] + reach[::-1] + offsets[:, ::-1], -1, 0)
     normals = -(padded[k, j, i] @ steps)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

@@ -14,6 +14,7 @@ from .edge_support import agreement, area_without_edge, edge_support
 from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
+from .region_pieces import with_pieces
 from .remedies import remedy
 from .seeds import checked_seeds
 from .star_region import shaped_region
@@ -39,7 +40,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     of any shape, and leaks where a wall is open (`grown_region`). And those within the star-shaped surface on which the
     image shows most of an edge: this needs no limits, and finds only what is in view from the middle (`shaped_region`).
     The second is taken where less of its boundary is without an edge, as where the first has lobes or misses a part,
-    and where the first has leaked; else the first. Where the region ends at the level between two fluids
+    and where the first has leaked; else the first. To the second, small pieces of the first are added or taken away
+    where the edges support it (`with_pieces`). Where the region ends at the level between two fluids
     (`find_fluid_level`), it is continued by the layer behind that.
 
     Parameters
@@ -112,7 +114,7 @@ def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> 
     shaped, star = found
     if not level.is_passed_by(shaped) or level.support_behind(even, shaped, star) < _LEAST_SUPPORT:
         return ends
-    whole = _better(even, level.joined(image, region, shaped), shaped, star)
+    whole = _better(even, level.joined(image, region, shaped), shaped, star, fill)
     included = Diagnostic("layer_included", {**values, "layer_ml": level.layer_ml(whole)})
     by_code = {found.code: found for found in (*region.diagnostics, *whole.diagnostics, included)}
     return replace(whole, diagnostics=tuple(by_code.values()))
@@ -134,16 +136,18 @@ def _chosen(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star):
             raise refused
         return shaped
-    return _better(image, grown, shaped, star)
+    return _better(image, grown, shaped, star, fill)
 
 
-def _better(image: Image, grown: Region, shaped: Region, star: Star) -> Region:
-    """Choose the region that the image supports better."""
+def _better(image: Image, grown: Region, shaped: Region, star: Star, fill: bool) -> Region:
+    """Choose the region that the image supports better; the shape is completed by pieces of the other one."""
     # A leak has edges too, at other tissue.
     leaked = bool(grown.diagnostics) and edge_support(image, shaped, star) >= _LEAST_SUPPORT
     less = np.subtract(*(area_without_edge(image, region, star) for region in (grown, shaped)))
     same = agreement(grown, shaped) >= _SAME_ORGAN
-    better = shaped if leaked or less > (_LESS_WITHOUT_EDGE if same else 0.0) else grown
+    better = grown
+    if leaked or less > (_LESS_WITHOUT_EDGE if same else 0.0):
+        better = with_pieces(image, shaped, grown, star, fill=fill)
     if same:
         return better
     sizes = {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better}
