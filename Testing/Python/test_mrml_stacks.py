@@ -258,6 +258,22 @@ def seen_in(model, view):
     return bool(display.GetVisibility() and display.GetVisibility2D() and display.IsDisplayableInView(view.GetID()))
 
 
+def test_volumes_are_shown_by_the_views_of_the_layout(stacks, scene):
+    from VICRegistrationLib.mrml.volumes import shownVolumes
+
+    assert shownVolumes() == []
+    add_view(scene, "Red", stacks["AX"])
+    yellow, composite = add_view(scene, "Yellow", stacks["SAG"])
+    assert shownVolumes() == [stacks["AX"], stacks["SAG"]]
+    # Red is not in the layout, and has kept the volume that it showed there.
+    yellow.SetMappedInLayout(True)
+    assert shownVolumes() == [stacks["SAG"]]
+    composite.SetBackgroundVolumeID(None)
+    assert shownVolumes() == [stacks["AX"]]
+    composite.SetBackgroundVolumeID(scene.AddNewNodeByClass("vtkMRMLLabelMapVolumeNode").GetID())
+    assert shownVolumes() == [stacks["AX"]]
+
+
 def test_every_view_shows_the_contour_at_the_position_of_its_stack(logic, stacks, scene):
     from VICRegistrationLib.mrml.stack_contours import chooseViews
 

@@ -89,18 +89,41 @@ class SceneTest(PanelTestCase):
 
     def test_theVolumeInTheSliceViewsIsChosenUntilThereIsAnOrgan(self):
         composite = self.sliceComposite()
-        scout = slicer.mrmlScene.AddNewNodeByClass("vtkMRMLScalarVolumeNode", "localizer")
-        self.ui.volumeSelector.setCurrentNode(scout)
-        for _ in range(2):
-            # Slicer shows what it has loaded last.
-            volume = samples.addPhantomVolume()
+        # Slicer shows what it has loaded last; then another one is chosen in the view.
+        for volume in (samples.addPhantomVolume(), samples.addPhantomVolume(), self.volume):
             composite.SetBackgroundVolumeID(volume.GetID())
             waitFor(lambda volume=volume: self.ui.volumeSelector.currentNode() is volume)
         self.add("bladder")
         other = samples.addPhantomVolume()
         composite.SetBackgroundVolumeID(other.GetID())
         waitFor(lambda: self.ui.furtherStacksTable.rowCount == 3)
-        self.assertIs(self.ui.volumeSelector.currentNode(), volume)
+        self.assertIs(self.ui.volumeSelector.currentNode(), self.volume)
+        self.ui.removeOrganButton.click()
+        composite.SetBackgroundVolumeID(samples.addPhantomVolume().GetID())
+        waitFor(lambda: self.ui.furtherStacksTable.rowCount == 4)
+        self.assertIs(self.ui.volumeSelector.currentNode(), self.volume)
+
+    def test_aVolumeThatTheUserHasChosenStays(self):
+        composite, chosen = self.sliceComposite(), samples.addPhantomVolume()
+        chosen.SetName("chosen")
+        for volume in (chosen, self.volume, chosen):
+            self.ui.volumeSelector.setCurrentNode(volume)
+            # The selector signals it if a user has chosen.
+            self.panel.showVolume(volume)
+            rows = self.ui.furtherStacksTable.rowCount
+            composite.SetBackgroundVolumeID(samples.addPhantomVolume().GetID())
+            waitFor(lambda rows=rows: self.ui.furtherStacksTable.rowCount == rows + 1)
+            self.assertIs(self.ui.volumeSelector.currentNode(), volume)
+        self.widget.exit()
+        composite.SetBackgroundVolumeID(self.volume.GetID())
+        self.widget.enter()
+        self.assertIs(self.ui.volumeSelector.currentNode(), chosen)
+        with self.savedAndLoaded():
+            pass
+        self.assertEqual(self.ui.volumeSelector.currentNode().GetName(), "chosen")
+        self.sliceComposite().SetBackgroundVolumeID(samples.addPhantomVolume().GetID())
+        waitFor(lambda: self.ui.furtherStacksTable.rowCount == 5)
+        self.assertEqual(self.ui.volumeSelector.currentNode().GetName(), "chosen")
 
     def test_noOtherVolumeIsChosenForOrgansWhileAnotherModuleIsShown(self):
         self.add("bladder")

@@ -14,7 +14,7 @@ from ..mrml.organs import Organs
 from ..mrml.parameters import OrganState
 from ..mrml.separating import canBeSeparated
 from ..mrml.stack_contours import followStacks
-from ..mrml.volumes import greyVolumes, showInSlices, viewsByVolume
+from ..mrml.volumes import greyVolumes, showInSlices, shownVolumes
 from .advanced_section import AdvancedSection
 from .binding import AFTER_WRAPPERS, Binding
 from .compare_section import CompareSection
@@ -45,6 +45,8 @@ class Panel(VTKObservationMixin):
         self.ui, self.logic = ui, logic
         self.parameters = self.organs = None
         self._volume, self._organ, self._volumeBinding = None, None, Binding()
+        # ID of the volume that was chosen here, until the user chooses one or adds an organ.
+        self._proposed = None
         # Parameter nodes of new organs that are fitted as soon as they have a region.
         self._toFit = []
         self.table = OrgansTable(ui, self.addOrgan, self.removeOrgan, self.chooseOrgan)
@@ -105,7 +107,8 @@ class Panel(VTKObservationMixin):
 
     def stop(self):
         """End fits and meshing, and follow nothing any more."""
-        self._toFit = []
+        # A scene that is loaded has the user's choice.
+        self._toFit, self._proposed = [], None
         self.fitSection.stop()
         self.exportSection.stop()
         self.modelSection.stop()
@@ -114,7 +117,7 @@ class Panel(VTKObservationMixin):
 
     def addOrgan(self, name):
         """Add an organ; the next click into a slice is its seed."""
-        organ = self.organs.add(name)
+        organ, self._proposed = self.organs.add(name), None
         if self.ui.fitAtOnceCheck.checked:
             self._toFit.append(organ.parameterNode)
         self.separateSection.placeSeed()
@@ -124,7 +127,8 @@ class Panel(VTKObservationMixin):
         self.organs.remove(self._organ)
 
     def showVolume(self, node):
-        """Show a volume in the slice views when the user has chosen it."""
+        """Show a volume in the slice views when the user has chosen it; no other one is chosen later."""
+        self._proposed = None
         if node is not None:
             showInSlices(node)
 
@@ -253,13 +257,15 @@ class Panel(VTKObservationMixin):
                 setattr(self._organ, name, None)
 
     def _volumeCame(self):
-        """Until there is an organ, choose the volume that the slice views show; the first one where they show none."""
+        """Choose the volume that the slice views show, or the first one, until the user chooses or adds an organ."""
         if self.parameters is None or len(self.organs):
             return
-        volumes, views = greyVolumes(), viewsByVolume()
-        shown = [volume for volume in views if volume in volumes]
-        if self.parameters.volume is None or (shown and self.parameters.volume not in shown):
-            self.parameters.volume = next(iter(shown or volumes), None)
+        volume, shown = self.parameters.volume, shownVolumes()
+        isOutdated = volume is not None and volume.GetID() == self._proposed and shown and volume not in shown
+        if volume is None or isOutdated:
+            volume = next(iter(shown or greyVolumes()), None)
+            self._proposed = volume.GetID() if volume is not None else None
+            self.parameters.volume = volume
 
     def _volumeMoved(self, volume):
         """Move organs and models with their volume."""

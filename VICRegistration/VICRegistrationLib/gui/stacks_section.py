@@ -27,7 +27,7 @@ class StacksSection(VTKObservationMixin):
     onChanged : callable
         Called without arguments when volumes were added or removed.
     onCame : callable
-        Called without arguments when volumes were added.
+        Called without arguments when volumes were added, and until there is an organ when a slice view has changed.
     onMoved : callable
         Called with a volume whose place in the world has changed.
     """
@@ -157,8 +157,12 @@ class StacksSection(VTKObservationMixin):
         chooseViews()
 
     def _viewsChanged(self, caller=None, event=None):
-        if not slicer.mrmlScene.IsClosing():
-            chooseViews()
+        if slicer.mrmlScene.IsClosing():
+            return
+        chooseViews()
+        if self._organs is not None and not len(self._organs):
+            # Until there is an organ, the panel chooses the volume that is shown.
+            self._timer.start()
 
     @vtk.calldata_type(vtk.VTK_OBJECT)
     def _nodeCame(self, caller, event, node):

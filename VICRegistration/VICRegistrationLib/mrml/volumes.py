@@ -123,6 +123,21 @@ def viewsByVolume():
     return found
 
 
+def shownVolumes():
+    """List the volumes that slice views show and that may be an MRI.
+
+    Returns
+    -------
+    list of vtkMRMLScalarVolumeNode
+        Those in views of the layout; those in all slice views if the layout shows none of them.
+    """
+    views, volumes = viewsByVolume(), greyVolumes()
+    slices = slicer.util.getNodesByClass("vtkMRMLSliceNode")
+    laidOut = {node.GetID() for node in slices if node.IsMappedInLayout()}
+    shown = [volume for volume in views if volume in volumes]
+    return [volume for volume in shown if laidOut.intersection(views[volume])] or shown
+
+
 def withSameGrid(volumeNode, others):
     """Find the volume whose voxels lie in the same place as those of a volume.
 
