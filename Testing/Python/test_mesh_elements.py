@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_tetrahedra import SIDE, cube
 
-from VICRegistrationLib.meshing.elements import NODES, faces_of, scaled_jacobians, volumes
+from VICRegistrationLib.meshing.elements import NODES, faces_of, poor_element, scaled_jacobians, volumes
 from VICRegistrationLib.meshing.quality import quality
 from VICRegistrationLib.meshing.regions import MeshOptions
 
@@ -32,6 +32,15 @@ def test_a_flat_one_has_zero_and_an_inverted_one_less():
     assert scaled_jacobians(flat, ONE) == pytest.approx([0.0], abs=1e-15)
     assert scaled_jacobians(REGULAR, ONE[:, [1, 0, 2, 3]])[0] < 0.0
     assert volumes(REGULAR, ONE[:, [1, 0, 2, 3]])[0] < 0.0
+
+
+def test_the_worst_element_is_returned_if_it_is_poor():
+    flat = REGULAR * [1.0, 1.0, 0.1] + [10.0, 20.0, 30.0]
+    points, elements = np.concatenate([REGULAR, flat]), np.concatenate([ONE, ONE + 4])
+    worst = float(scaled_jacobians(points, elements)[1])
+    found = poor_element(points, elements, 0.5)
+    assert found == pytest.approx({"r": 10.0, "a": 20.0, "s": 30.0, "jacobian": worst, "good": 0.5})
+    assert poor_element(points, elements, worst) == poor_element(REGULAR, ONE, 0.5) == {}
 
 
 def test_a_middle_pulled_through_the_opposite_side_inverts_the_element():

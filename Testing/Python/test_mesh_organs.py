@@ -11,6 +11,7 @@ from VICRegistrationLib.export.step import Solid
 from VICRegistrationLib.geometry.models import bell, closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.validity import check_surface
+from VICRegistrationLib.meshing import organ_meshes
 from VICRegistrationLib.meshing.elements import faces_of, scaled_jacobians, volumes
 from VICRegistrationLib.meshing.groups import second_order
 from VICRegistrationLib.meshing.organ_meshes import mesh_organs
@@ -63,6 +64,15 @@ def test_the_demo_organs_are_meshed_well(name, size, order):
     assert {tuple(sorted(face)) for face in mesh.triangles[:, :3].tolist()} == boundary(mesh)
     nodes = np.unique(mesh.triangles)
     np.testing.assert_allclose(closest_points(ORGANS[name], mesh.points[nodes]).distances, 0.0, atol=1e-3)
+
+
+def test_a_note_has_the_worst_element_if_it_is_poor(monkeypatch):
+    monkeypatch.setattr(organ_meshes, "LEAST_QUALITY", 0.99)
+    mesh = mesh_organs([ball(0.0, 15.0, "ball")], MeshOptions(size=8.0, volume_error=0.05))
+    (note,) = mesh.notes
+    assert note.code == "poor_element"
+    assert note.values["jacobian"] == scaled_jacobians(mesh.points, mesh.tetrahedra).min()
+    assert "The worst element, at R " in note.sentence()
 
 
 @pytest.mark.parametrize("seed", [1, 3, 5, *(pytest.param(seed, marks=pytest.mark.long) for seed in (9, 17, 20))])

@@ -89,6 +89,15 @@ def test_a_model_that_is_stretched_as_a_whole_is_found_by_the_affine_map():
     assert all(np.allclose(matrix[:3, :3], np.eye(3), atol=0.01) for matrix in found.maps.values())
 
 
+def test_balls_in_a_row_are_not_given_half_a_turn():
+    parents = {str(x): closed_organ(axes=10.0 * np.eye(3), center=(x, 0.0, 0.0)) for x in (-30.0, 0.0, 40.0)}
+    # Half a turn about the row explains as much as none; for six of these angles rounding made it explain more.
+    for degrees in range(1, 40):
+        expected = motion(degrees=(0, 0, degrees), shift=(degrees, 2 * degrees, -degrees))
+        targets = {name: SolidMoments.of_surface(ball.transformed(expected)) for name, ball in parents.items()}
+        assert place(parents, targets).degrees == pytest.approx(degrees, abs=1e-3)
+
+
 def test_each_organ_s_own_map_takes_it_to_its_region():
     parents, targets = PELVIS.parents, solids(motion(degrees=(5, 5, 5)))
     found = place(parents, targets)

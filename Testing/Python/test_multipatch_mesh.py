@@ -14,6 +14,7 @@ from VICRegistrationLib import cli
 from VICRegistrationLib.meshing.elements import faces_of, scaled_jacobians
 from VICRegistrationLib.meshing.formats import write_tetrahedra
 from VICRegistrationLib.meshing.organ_meshes import MeshOptions
+from VICRegistrationLib.multipatch import mesh as mesh_module
 from VICRegistrationLib.multipatch.file import write_model
 from VICRegistrationLib.multipatch.mesh import LEAST_QUALITY, mesh_model, solid_volume
 
@@ -38,6 +39,17 @@ def nodes_of(mesh, *names):
 
 def test_no_element_is_inverted_or_badly_shaped(mesh):
     assert scaled_jacobians(mesh.points, mesh.tetrahedra).min() >= LEAST_QUALITY
+
+
+def test_a_note_names_each_part_with_a_poor_element(model, monkeypatch):
+    monkeypatch.setattr(mesh_module, "LEAST_QUALITY", 0.99)
+    mesh = mesh_model(model, MeshOptions(size=SIZE, volume_error=VOLUME_ERROR))
+    quality = scaled_jacobians(mesh.points, mesh.tetrahedra)
+    for note, (part, rows) in zip(mesh.notes, mesh.tetrahedron_groups.items()):
+        assert (note.code, note.values["part"]) == ("poor_element_of_part", part)
+        assert note.values["jacobian"] == quality[rows].min()
+        assert f"The worst element of {part}, at R " in note.sentence()
+    assert len(mesh.notes) == 2
 
 
 def test_organs_and_cords_are_groups_of_tetrahedra_with_their_volumes(mesh, model):

@@ -209,7 +209,7 @@ def _second_moments(solids: Mapping[str, SolidMoments], targets: Mapping[str, So
 
 
 def _settled(solids: Mapping[str, SolidMoments], targets: Mapping[str, SolidMoments], matrix: np.ndarray):
-    """Iterate the similarity from a start matrix; the share of the second moments that it explains, and the matrix."""
+    """Iterate the similarity from a start matrix; the part of the second moments that it explains, and the matrix."""
     explained = 0.0
     for _ in range(_MOST_ROUNDS):
         moved = {name: solid.moved(matrix) for name, solid in solids.items()}
