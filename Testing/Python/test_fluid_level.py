@@ -137,7 +137,8 @@ def test_neither_offset_and_scale_of_the_grey_levels_nor_the_order_of_axes_chang
     image, inside, region = separated
     other = turned(Image(0.25 * image.array - 1000.0, image.ijk_to_ras), axes=(1, 2, 0))
     again = separate(other, [0.0, 5.0, 0.0])
-    assert [each.code for each in again.diagnostics] == ["layer_included"]
+    (found,) = again.diagnostics
+    assert (found.code, found.values["side"]) == ("layer_included", "posterior")
     expected = mask_in_place(region, inside.shape).transpose([2, 0, 1])
     np.testing.assert_array_equal(mask_in_place(again, inside.shape), expected)
 
