@@ -204,7 +204,7 @@ def _text(path: Path) -> str:
 
 
 def _last_line(folder: Path) -> str:
-    """Last line that the worker printed, behind a colon; empty if there is none."""
+    """Last line that the worker printed, after a colon; empty if there is none."""
     try:
         lines = folder.joinpath("output").read_text(encoding="utf-8", errors="replace").split("\n")
     except OSError:

@@ -107,7 +107,7 @@ class OrganCuts:
         return self._across_the_seam(parent, period)
 
     def _across_the_seam(self, parent: BSplineSurface, period: float) -> tuple[np.ndarray, sparse.csr_matrix]:
-        """Do the same for a first cut beside the seam: on three periods, without the seam's multiple knots."""
+        """As `_around`, if the first cut is not at the seam: from three periods without the seam's multiple knots."""
         degree = parent.degrees[0]
         breaks = parent.span_limits(0)
         n = len(breaks) - 1

@@ -36,8 +36,9 @@ _SEVERAL = 6.0
 # that of something else. Tried 400 to 600, and 10 to 100 without the square, on phantoms and real bladders: with less
 # the surface stops short of thin grey rims, with more corners are cut off and the terraces of the slices remain.
 _ANCHOR = 600.0
-# Lower limit of one factor of that square, because beyond the end of a volume only the anchor holds the surface.
-# Without it, surfaces of clear images that are cut in the middle reach 1.7 mm beyond the volume's end.
+# Least value of one of the two residuals that are multiplied for that square. In a clear image the anchor would be
+# nearly 0 otherwise, and nothing else holds the surface beyond the end of a volume: surfaces of clear images that are
+# cut in the middle reach 1.7 mm beyond it.
 _CLEAREST = 1.0 / 60.0
 
 

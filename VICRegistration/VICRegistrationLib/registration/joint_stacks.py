@@ -271,7 +271,7 @@ class JointStacks:
         """Crop a stack around a surface in it, with partial volumes; cached while the surface moves little."""
         kept = self._kept.get(number)
         net = moved.control_net.reshape(-1, 3)
-        # With both ends of the bounding box as upper limits, growth is positive.
+        # The lower corner is negated, so that numbers increase where the bounding box grows.
         box = np.append(-net.min(axis=0), net.max(axis=0))
         if kept is None or (box - kept[0]).max() > _KEPT_MM:
             sampler = surroundings(self._local(self.stacks[number]), moved, margin=_KEPT_MM)

@@ -230,7 +230,7 @@ class _Start:
 
 
 def _started(model: BSplineSurface, schedule: Schedule, prefix: str = "") -> Generator[Step, None, _Start]:
-    """Run those three stages from a generic model; the prefix is put before their names."""
+    """Run the stages of :class:`_Start` from a generic model; the prefix is put before their names."""
     closure = schedule.options.closure
     template = sampled_net(net_of(model, closure), closure)
     scaling = SampledSurface(affine(model, free="scaling", center=np.zeros(3)), template.grid)
