@@ -61,7 +61,7 @@ def edges_at(halves):
         inner=np.full(shape, 200.0),
         outer=outer[None],
         levels=np.array([200.0]),
-        middle=200.0,
+        median_level=200.0,
         spread=2.0,
         directions=directions,
         axes=np.eye(3),

@@ -89,31 +89,31 @@ def test_radii_follow_the_costs_but_not_a_single_ray_that_has_escaped():
     costs = np.zeros((len(sphere().directions), 40))
     costs[:, 20] = -1.0
     costs[7, 20], costs[7, 38] = 0.0, -1.0
-    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, stiffness=0.15, most=9)
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, smoothness=0.15, most_apart=9)
     assert set(radii.tolist()) == {20}
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_radii_cost_as_little_as_those_of_a_minimum_cut(seed):
-    ball, most, stiffness = sphere(2), 3, 0.3
+    ball, most, smoothness = sphere(2), 3, 0.3
     rng = np.random.default_rng(seed)
     costs = rng.normal(0.0, 0.4, (len(ball.directions), 16))
     # Two sheets, each deeper on one side.
     costs[:, 4] -= 1.0 + 0.5 * ball.directions[:, 0]
     costs[:, 11] -= 1.0 - 0.5 * ball.directions[:, 0]
     slopes = 0.5 / ball.angles
-    radii = cheapest_radii(ball, costs, slopes, stiffness=stiffness, most=most)
-    prices = stiffness * slopes**2
+    radii = cheapest_radii(ball, costs, slopes, smoothness=smoothness, most_apart=most)
+    prices = smoothness * slopes**2
     least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
     assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, abs=0.01)
 
 
 def test_between_two_levels_the_radii_rise_evenly_as_the_squares_of_their_slopes_cost():
-    ball, most, stiffness = sphere(3), 3, 0.3
+    ball, most, smoothness = sphere(3), 3, 0.3
     costs, slopes, ahead = np.zeros((len(ball.directions), 16)), 0.5 / ball.angles, ball.directions[:, 0]
     costs[ahead < -0.8, 4] = costs[ahead > 0.8, 10] = -20.0
-    radii = cheapest_radii(ball, costs, slopes, stiffness=stiffness, most=most)
-    prices = stiffness * slopes**2
+    radii = cheapest_radii(ball, costs, slopes, smoothness=smoothness, most_apart=most)
+    prices = smoothness * slopes**2
     least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
     assert cost_of_radii(ball, costs, prices, radii) == pytest.approx(least, rel=1e-3)
     assert np.corrcoef(ahead, radii)[0, 1] > 0.97
@@ -125,9 +125,9 @@ def test_slopes_are_counted_from_those_of_a_shape():
     shape, costs = rng.integers(0, 9, rays), rng.normal(0.0, 0.4, (rays, 30))
     moved = samples - shape[:, None]
     deeper = np.where((moved >= 0) & (moved < 30), costs[np.arange(rays)[:, None], moved.clip(0, 29)], 100.0)
-    slopes = {"stiffness": 0.3, "slopes": 0.5 / ball.angles}
-    from_shape = cheapest_radii(ball, costs=deeper, shape=shape, most=20, **slopes)
-    np.testing.assert_array_equal(from_shape - shape, cheapest_radii(ball, costs=costs, most=20, **slopes))
+    slopes = {"smoothness": 0.3, "slopes": 0.5 / ball.angles}
+    from_shape = cheapest_radii(ball, costs=deeper, shape=shape, most_apart=20, **slopes)
+    np.testing.assert_array_equal(from_shape - shape, cheapest_radii(ball, costs=costs, most_apart=20, **slopes))
 
 
 def test_smoothed_values_are_harmonics_up_to_the_degree():
@@ -148,7 +148,7 @@ def test_a_side_without_any_edge_gets_the_radius_of_the_others():
     costs[seen, 60] = -1.0
     # An inner sheet of less depth ends half way round.
     costs[sphere().directions[:, 0] < -0.3, 30] = -0.7
-    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, stiffness=0.15, most=9)
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, smoothness=0.15, most_apart=9)
     assert set(radii[seen].tolist()) == {60}
     assert np.abs(radii[~seen] - 60).max() <= 1
 
@@ -157,8 +157,8 @@ def test_a_side_without_any_edge_gets_the_radius_of_the_others():
 def test_a_shape_does_not_depend_on_the_place_that_was_clicked(ball, seed):
     image, truth = ball
     star = find_star(image, np.array(seed))
-    assert star.falls
-    np.testing.assert_allclose(star.middle, 0.0, atol=0.5)
+    assert star.bright
+    np.testing.assert_allclose(star.centroid, 0.0, atol=0.5)
     np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), RADIUS, atol=1.5)
     assert dice(star_region(image, star), truth) > 0.98
 
@@ -167,14 +167,14 @@ def test_a_long_organ_is_seen_from_its_middle_though_its_end_was_clicked():
     k, j, i = places()
     inside = np.hypot(np.hypot(k, j) / 11.0, i / 30.0) < 1.0
     star = find_star(image_of(np.where(inside, 150.0, 50.0)), np.array([26.0, 0.0, 0.0]))
-    np.testing.assert_allclose(star.middle, 0.0, atol=1.5)
+    np.testing.assert_allclose(star.centroid, 0.0, atol=1.5)
 
 
 def test_a_dark_organ_is_seen_as_well(ball):
     image, truth = ball
     image = Image(300.0 - image.array, image.ijk_to_ras)
     star = find_star(image, np.array([5.0, 5.0, 5.0]))
-    assert not star.falls
+    assert not star.bright
     assert dice(star_region(image, star), truth) > 0.98
 
 
@@ -219,7 +219,7 @@ def test_the_rise_from_a_dark_wall_to_bright_fat_is_no_edge_of_the_organ():
     radius = np.linalg.norm(places(), axis=0)
     levels = np.select([radius < 14.0, radius < 17.0, radius < 23.0], [150.0, 30.0, 250.0], 30.0)
     star = find_star(image_of(ndimage.gaussian_filter(levels, 0.5)), np.array([0.0, 3.0, 0.0]))
-    assert star.falls
+    assert star.bright
     np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), 14.0, atol=1.5)
 
 
@@ -305,8 +305,8 @@ def test_thick_slices_move_no_edge(thick):
     matrix[:3, 3] = -HALF, -HALF, -HALF + (thick - 1) / 2.0
     star = find_star(Image(image_of(slices).array, matrix), np.zeros(3))
     # A sample of a ray is 0.75 mm long.
-    np.testing.assert_allclose(star.lengths, RADIUS, atol=0.75)
-    assert star.lengths.mean() == pytest.approx(RADIUS, abs=0.2)
+    np.testing.assert_allclose(star.radii, RADIUS, atol=0.75)
+    assert star.radii.mean() == pytest.approx(RADIUS, abs=0.2)
     assert star.strengths[np.abs(star.directions[:, 2]) > 0.9].mean() > 0.9
 
 
@@ -326,11 +326,11 @@ def test_a_shape_passes_the_places_that_are_known_of_its_wall():
     radius = np.linalg.norm(places(), axis=0)
     image = image_of(np.where(radius < 12.0, 150.0, np.where(radius < RADIUS, 90.0, 30.0)))
     inner = find_star(image, np.zeros(3))
-    np.testing.assert_allclose(inner.lengths, 12.0, atol=1.0)
+    np.testing.assert_allclose(inner.radii, 12.0, atol=1.0)
     wall = RADIUS * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     outer = find_star(image, np.zeros(3), wall)
     at_wall = (outer.directions @ wall.T / RADIUS).argmax(axis=0)
-    np.testing.assert_allclose(outer.lengths[at_wall], RADIUS, atol=1.0)
+    np.testing.assert_allclose(outer.radii[at_wall], RADIUS, atol=1.0)
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,13 @@ from VICRegistrationLib.segmentation import growing, ray_edges, separation, star
 
 CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((ray_edges, name) for name in ("_STEP_SHARE", "_STEP_NOISE", "_DEPTH_MM", "_WINDOW_MM", "_SURROUNDINGS_MM")),
-    *((star_surface, name) for name in ("STEP_SHARE", "_SLOW", "_NOISE", "_CROSSED", "_RISEN", "_STIFFNESS", "_END")),
     *(
         (star_surface, name)
-        for name in ("_SHADING", "_SLIGHT", "_STIFFER", "_STEP_MM", "_BLUR_MM", "_VOXEL_SAMPLES", "AN_EDGE")
+        for name in (
+            *("STEP_SHARE", "_SHADING_CHANGE", "_NOISE_CHANGE", "_CROSSED_WEIGHT", "_RISE_WEIGHT", "_SMOOTHNESS"),
+            *("_BORDER_WEIGHT", "_SHADING", "_LEAST_STEP", "_SHAPE_SMOOTHNESS", "_STEP_MM", "_BLUR_MM"),
+            *("_VOXEL_SAMPLES", "EDGE_STRENGTH"),
+        )
     ),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
     *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_NOISE")),
@@ -34,8 +37,8 @@ def report(*, quick: bool) -> str:
     rows.append(_row("as they are", cases, drawn))
     for module, name in CONSTANTS[:2] if quick else CONSTANTS:
         for factor in (0.5, 2.0):
-            # Strengths of an edge go up to 1.
-            value = min(factor * getattr(module, name), 0.9 if name == "AN_EDGE" else np.inf)
+            # The largest edge strength is 1.
+            value = min(factor * getattr(module, name), 0.9 if name == "EDGE_STRENGTH" else np.inf)
             with mock.patch.object(module, name, value):
                 rows.append(_row(f"{module.__name__.rpartition('.')[2]}.{name} x {factor:g}", cases, drawn))
     return "  Mean distance of the experts' lumen from the fitted surface, mm, from the deepest place.\n\n" + table(

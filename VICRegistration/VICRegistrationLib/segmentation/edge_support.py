@@ -63,7 +63,7 @@ class EdgeStrengths:
         normals = _normals(mask, voxels, self._image)
         places = self._image.to_ras((voxels + start)[:, ::-1].astype(float))
         levels, valid = self._sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
-        sides = sliding_window_view(levels if self._star.falls else -levels, _SIDE, axis=1)
+        sides = sliding_window_view(levels if self._star.bright else -levels, _SIDE, axis=1)
         falls = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
         strengths = np.maximum(np.tanh(falls / (STEP_SHARE * self._star.contrast)), 0.0)
         return places, np.where(valid.all(axis=1), strengths, np.nan)

@@ -1,4 +1,4 @@
-"""Which threshold or radius separates an organ where what was asked for is refused: values that were tried."""
+"""A threshold or an erosion that separates an organ where the given one fails, found by trying several."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ..imaging.region import Region
 from .growing import FRAGMENT, grown_region
 from .ray_edges import find_edges
 
-# Radii of the erosion, mm, and widths of the threshold around the level at the seeds, as shares of the one refused.
+# Radii of the erosion that are tried, mm, and widths of the threshold, as shares of the refused one.
 _RADII_MM = (2.0, 4.0, 6.0, 8.0)
 _NARROWER = (0.75, 0.5, 0.3)
 
 
 def remedy(image: Image, seeds: np.ndarray, refused: tuple[float, float], *, erosion, dilation, fill) -> str:
-    """Look for a value that separates one organ, larger than a fragment and not larger than what the seeds see.
+    """Find an erosion or a threshold that separates one organ: no fragment of it, and without a leak.
 
     Parameters
     ----------
@@ -23,22 +23,25 @@ def remedy(image: Image, seeds: np.ndarray, refused: tuple[float, float], *, ero
     seeds : (n, 3) ndarray
         RAS mm.
     refused : (float, float)
-        Threshold that gives too large a region.
+        Threshold whose region is too large.
     erosion, dilation : float or None
-        As given, mm.
+        Radii that the user has given, mm.
     fill : bool
+        Fill cavities.
 
     Returns
     -------
     str
-        A sentence.
+        A sentence for the user with the value that works, or with general advice if none does.
     """
     edges = find_edges(image, seeds)
     low, high = np.clip(refused, image.array.min(), image.array.max()).astype(float)
     radii = () if erosion is None else [radius for radius in _RADII_MM if radius > erosion]
     attempts = [({"threshold": (low, high), "erosion": radius}, f"an erosion of {radius:g} mm") for radius in radii]
     for share in _NARROWER:
-        narrow = tuple(float(f"{edges.middle + share * (level - edges.middle):.4g}") for level in (low, high))
+        narrow = tuple(
+            float(f"{edges.median_level + share * (level - edges.median_level):.4g}") for level in (low, high)
+        )
         words = "a threshold of {:.4g} to {:.4g}".format(*narrow)
         attempts.append(({"threshold": narrow, "erosion": erosion}, words))
     for options, words in attempts:
@@ -49,7 +52,7 @@ def remedy(image: Image, seeds: np.ndarray, refused: tuple[float, float], *, ero
 
 
 def _separated(image: Image, seeds: np.ndarray, **options) -> Region | None:
-    """Return the region, or None where it is refused or larger than what the seeds see."""
+    """Return the region, or None if it is refused or reported as a leak."""
     try:
         region = grown_region(image, seeds, **options)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Directions on a sphere and their neighbours, values over them, and the cheapest radius along each of them."""
+"""Directions on a sphere and pairs of neighbours, interpolation between them, and radii of least cost along them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-# Messages are passed so often at most, until none changes by more than this share of the largest strength of an edge.
+# Most rounds of message passing, and the change of a message below which it ends, where the largest edge strength is 1.
 # 16 hard surfaces, of costs of -40 to -200, end 0.4 above the least cost in the mean after 50 rounds, 0.1 after 100.
-_ROUNDS, _SETTLED = 100, 1e-2
-# Share of the last message that is kept. With 0.2 to 0.5 the surfaces are the same; with 0.1 and less messages swing.
+_ROUNDS, _CONVERGED = 100, 1e-2
+# Share of the last message that is kept. With 0.2 to 0.5 the surfaces are the same; with 0.1 and less, messages
+# oscillate.
 _DAMPING = 0.3
-# Between directions a value is the weighted mean of those at so many.
+# Values are interpolated between so many of the nearest directions.
 _NEAREST = 4
 
 
@@ -28,11 +29,11 @@ class Sphere:
     directions : ndarray, shape (n, 3)
         Unit vectors along small whole numbers: symmetric under any permutation and flip of the axes.
     first, second : ndarray of int, shape (m,)
-        Pairs of neighbours, both ways round.
+        Indices of the two directions of each pair; every pair is listed in both orders.
     back : ndarray of int, shape (m,)
-        Where the same pair stands the other way round.
+        Index of the same pair in the other order.
     angles : ndarray, shape (m,)
-        Between neighbours, radians.
+        Angle between the two directions, radians.
     """
 
     directions: np.ndarray
@@ -44,7 +45,7 @@ class Sphere:
 
 @lru_cache(maxsize=2)
 def sphere(longest: int = 3) -> Sphere:
-    """Spread directions over a sphere; neighbours have no other direction between them (Gabriel's graph).
+    """Spread directions over a sphere; neighbours are those of the Gabriel graph [1]_, with no other between them.
 
     Parameters
     ----------
@@ -54,11 +55,16 @@ def sphere(longest: int = 3) -> Sphere:
     Returns
     -------
     Sphere
+
+    References
+    ----------
+    .. [1] K. R. Gabriel, R. R. Sokal, "A new statistical approach to geographic variation analysis", Systematic Zoology
+       18(3), 1969.
     """
     numbers = range(-longest, longest + 1)
     whole = np.array([v for v in itertools.product(numbers, repeat=3) if np.gcd.reduce(v) == 1], dtype=float)
     directions = whole / np.linalg.norm(whole, axis=1, keepdims=True)
-    # Nothing is farther from a direction than one along an axis is from the next.
+    # Neighbours are at most as far apart as an axis is from the directions next to it, 1 / longest; with a margin.
     tree, widest = cKDTree(directions), 2.0 / longest
     pairs = tree.query_pairs(widest, output_type="ndarray")
     first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
@@ -67,16 +73,16 @@ def sphere(longest: int = 3) -> Sphere:
     middle = directions[first] + directions[second]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     own = np.linalg.norm(middle - directions[first], axis=1)
-    between = tree.query(middle)[0] < own - 1e-6
-    first, second = first[~between], second[~between]
+    other_between = tree.query(middle)[0] < own - 1e-6
+    first, second = first[~other_between], second[~other_between]
     cosines = np.einsum("mk,mk->m", directions[first], directions[second])
-    # Pairs come in order of the first, then of the second.
+    # Pairs are sorted by the first index, then by the second.
     back = np.lexsort((first, second))
     return Sphere(directions, first, second, back, np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Interpolate values given for directions to other ones: weighted means of the nearest few.
+    """Interpolate values at directions to other directions: means of the nearest few, weighted by inverse squares.
 
     Parameters
     ----------
@@ -91,7 +97,7 @@ def between(directions: np.ndarray, values: np.ndarray, others: np.ndarray) -> n
     ndarray, shape (m,)
     """
     gaps, near = cKDTree(directions).query(others, k=_NEAREST)
-    # Finite at a direction itself.
+    # The constant keeps the weight finite at a direction itself.
     weights = 1.0 / (gaps**2 + 1e-4)
     return np.einsum("nd,nd->n", values[near], weights) / weights.sum(axis=1)
 
@@ -114,42 +120,48 @@ def smoothed(directions: np.ndarray, values: np.ndarray, others: np.ndarray, *, 
     ndarray, shape (m,)
         Values at the other directions.
     """
-    # On a sphere, monomials of the last two degrees span the same as all harmonics up to the last.
+    # On a sphere, monomials of the last two degrees span the same space as all harmonics up to the last degree.
     powers = [p for p in itertools.product(range(degree + 1), repeat=3) if sum(p) in (degree - 1, degree)]
     at, there = (np.prod(places[:, None] ** np.array(powers), axis=2) for places in (directions, others))
     return there @ np.linalg.lstsq(at, values, rcond=None)[0]
 
 
 def cheapest_radii(
-    ball: Sphere, costs: np.ndarray, slopes: np.ndarray, *, stiffness: float, most: int, shape: np.ndarray | None = None
+    ball: Sphere,
+    costs: np.ndarray,
+    slopes: np.ndarray,
+    *,
+    smoothness: float,
+    most_apart: int,
+    shape: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Choose a radius along each direction so that all together cost least.
+    """Choose a radius along each direction so that the sum of their costs and of those of slopes is least.
 
     Parameters
     ----------
     ball : Sphere
     costs : ndarray, shape (n, n_radii)
-        Of each radius along each direction.
+        Cost of each radius along each direction.
     slopes : ndarray, shape (m,)
         Slope of the surface between two neighbours whose radii are one sample apart.
-    stiffness : float
-        Cost of a slope of 45 degrees between two neighbours. Slopes cost their square.
-    most : int
-        Neighbours differ by at most so many radii.
+    smoothness : float
+        Cost of a slope of 45 degrees between two neighbours; other slopes cost in proportion to their square.
+    most_apart : int
+        Largest difference between the radii of neighbours, in samples.
     shape : ndarray, shape (n,), optional
-        Where a smooth surface lies along each direction, in samples, not rounded. Slopes are counted from those of this
-        surface; by default it is a sphere.
+        Radii of a smooth surface, in samples, not rounded. Slopes are measured from those of this surface; by default
+        from those of a sphere.
 
     Returns
     -------
     ndarray of int, shape (n,)
+        Index of the radius along each direction.
 
     Notes
     -----
-    Tree-reweighted message passing [1]_ on the graph of neighbours: as slopes cost their square, it ends at the
-    surface that the graph cut of [2]_ finds, or at one that costs hardly more, in a tenth of the time. Messages that
-    count in full [3]_ end at surfaces that cost up to a tenth more, and which surface that is then depends on the last
-    digit.
+    Tree-reweighted message passing [1]_ on the graph of neighbours. Its surface is the one that the graph cut of
+    optimal surface detection [2]_ finds, or costs hardly more, in a tenth of the time. Plain message passing [3]_ ends
+    at surfaces that cost up to a tenth more, and rounding errors decide which of them it finds.
 
     References
     ----------
@@ -161,28 +173,32 @@ def cheapest_radii(
        70(1), 2006.
     """
     count, costs = len(ball.first), costs.astype(np.float32)
-    # Of the pairs, a spanning tree holds this share.
+    # Probability that a pair belongs to a random spanning tree of the graph, the same for all pairs.
     share = np.float32(2.0 * (len(costs) - 1) / count)
     gather = sparse.csr_matrix((np.full(count, share), (ball.second, np.arange(count))), shape=(len(costs), count))
-    rises = np.arange(-most, most + 1)
-    own = np.zeros(count) if shape is None else np.clip(shape[ball.second] - shape[ball.first], -most, most)
-    prices = (stiffness / share * ((rises - own[:, None]) * slopes[:, None]) ** 2).astype(np.float32)
+    rises = np.arange(-most_apart, most_apart + 1)
+    shape = np.zeros(len(costs)) if shape is None else shape
+    own_rises = np.clip(shape[ball.second] - shape[ball.first], -most_apart, most_apart)
+    slope_costs = (smoothness / share * ((rises - own_rises[:, None]) * slopes[:, None]) ** 2).astype(np.float32)
     messages, totals = np.zeros((count, costs.shape[1]), dtype=np.float32), costs
     for _ in range(_ROUNDS):
-        cheapest = _passed_on(totals[ball.first] - messages[ball.back], prices)
+        cheapest = _message(totals[ball.first] - messages[ball.back], slope_costs)
         change = np.abs(cheapest - messages).max()
         messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest
         totals = costs + gather @ messages
-        if change < _SETTLED:
+        if change < _CONVERGED:
             break
     return totals.argmin(axis=1)
 
 
-def _passed_on(sums: np.ndarray, prices: np.ndarray) -> np.ndarray:
-    """Least cost of the first of each pair, for each radius of the second: prices are those of all rises to it."""
-    most = prices.shape[1] // 2
-    cheapest = sums + prices[:, most, None]
-    for rise in range(1, most + 1):
-        np.minimum(cheapest[:, rise:], sums[:, :-rise] + prices[:, most + rise, None], out=cheapest[:, rise:])
-        np.minimum(cheapest[:, :-rise], sums[:, rise:] + prices[:, most - rise, None], out=cheapest[:, :-rise])
+def _message(sums: np.ndarray, slope_costs: np.ndarray) -> np.ndarray:
+    """Message of each pair: least cost of the first direction's radius and the slope, for each radius of the second.
+
+    Slope costs, (m, 2 * most_apart + 1), are those of each rise from the first radius to the second.
+    """
+    level = slope_costs.shape[1] // 2
+    cheapest = sums + slope_costs[:, level, None]
+    for rise in range(1, level + 1):
+        np.minimum(cheapest[:, rise:], sums[:, :-rise] + slope_costs[:, level + rise, None], out=cheapest[:, rise:])
+        np.minimum(cheapest[:, :-rise], sums[:, rise:] + slope_costs[:, level - rise, None], out=cheapest[:, :-rise])
     return cheapest - cheapest.min(axis=1, keepdims=True)

@@ -1,6 +1,7 @@
-"""An organ's shape from one place in it: the star-shaped surface on which the image shows most of an edge.
+"""Star-shaped surface of an organ: one radius along each direction from a centre, chosen by optimal surface detection.
 
-It needs no limits of grey levels, and looks again from its own middle, so that it matters little where the place is.
+The surface needs no threshold. The search is repeated from the centroid of the surface that was found, so that the
+result depends little on where in the organ the seed is.
 """
 
 from __future__ import annotations
@@ -16,61 +17,70 @@ from ..imaging.sampling import Sampler
 from .ray_edges import continued, contrast_of, noise_of
 from .sphere import between, cheapest_radii, smoothed, sphere
 
-# Samples along a ray are so far apart, up to the longest.
+# Distance between samples along a ray, and length of the rays.
 _STEP_MM, _LONGEST_MM = 0.75, 100.0
-# Rays are followed within this distance of the place given: the middle of a long organ is far from a place at its end.
+# The image is cropped to this distance from the seed: the centre of a long organ is far from a seed at its end.
 _REACH_MM = 1.5 * _LONGEST_MM
-# Radii to choose from begin here, and each is longer than the one before by this ratio.
+# The radii to choose from begin here, each is longer than the one before by this ratio, and those of neighbouring rays
+# are at most so many places apart.
 _SHORTEST_MM, _RATIO, _MOST_APART = 2.0, 1.05, 9
-# Single voxels of noise are averaged over this length.
+# Fine voxels are averaged over this distance to each side, against noise.
 _BLUR_MM = 0.5
-# An edge is the step between the means over samples before and behind. What the level falls farther before and behind
-# it is shading: half of that is no edge.
+# The step at a sample is the difference between the means over the samples before and behind it. A change of the level
+# between the earlier samples and those before, or between those behind and the later ones, is taken for shading, and
+# this share of it is subtracted from the step.
 _BEFORE, _BEHIND, _EARLIER, _LATER = (-3, -1), (1, 2), (-8, -5), (5, 8)
 _SHADING = 0.5
-# In thick slices an edge is blurred: there the samples above are as many times as far apart as a voxel is longer along
-# the ray than so many of them. In seven bladders resampled to slices of 2.5 to 4 mm, axial and sagittal, the mean Dice
-# coefficient of the region is 0.910 without, 0.954 so, 0.935 with half and 0.919 with twice of it.
+# Thick slices blur an edge. So the samples above are farther apart along rays across the slices: by the length of a
+# voxel along the ray in units of this many samples, rounded. In seven bladders resampled to slices of 2.5 to 4 mm,
+# axial and sagittal, the mean Dice coefficient of the region is 0.910 without this, 0.954 with it, 0.935 with half and
+# 0.919 with twice this number.
 _VOXEL_SAMPLES = 1.5
-# A step of this share of the contrast counts three quarters of a full edge.
+# A step of this share of the contrast has an edge strength of tanh(1), three quarters of the largest.
 STEP_SHARE = 0.4
-# Steps of less than this share are no edge. Where they count, those of noise may make a small surface around the place.
-_SLIGHT = 0.06
-# Change of the grey level from sample to sample that is shading, in shares of the contrast, or noise.
-_SLOW, _NOISE = 0.06, 1.0
-# Weights of the sharp changes that were crossed before, of how far the level has risen on the way, as from a dark wall
-# to the fat behind it, of slopes of 45 degrees, and of the volume's end, where a full edge weighs 1. The end may weigh
-# 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. In seven bladders slopes may
-# weigh 0.055 to 0.22; with less than 0.12 a rectum in thick slices goes on through the anal canal.
-_CROSSED, _RISEN, _STIFFNESS, _END = 0.35, 0.35, 0.13, 0.25
-# Cost of missing a place where the wall is known to be, by more than the surface may rise between two rays; and of a
-# radius that is not to be chosen.
-_MISSED, _BESIDE = 50.0, 1.0
-# The first look is from the place given, the others from the middle of what was seen, until that moves by less than
-# this, mm, and so many at most. In real bladders it is still 2 to 14 mm away after three looks from a place near the
-# wall.
-_SETTLED_MM, _LOOKS = 1.0, 10
-# From a dark spot or near the wall, a small surface may cost less than the organ's, as that is seen from there. Where
-# no ray is as long as this, the looks are done once more without shorter radii, and the surface that costs less in the
-# end is taken. In six bladders where the click decides, 11 to 15 mm find all; with 8 mm one is lost, with 20 mm two.
+# This share of the contrast is subtracted from each step first. Otherwise steps of noise may favour a small surface
+# around the seed.
+_LEAST_STEP = 0.06
+# Changes of the grey level from sample to sample up to this share of the contrast are taken for shading, and up to so
+# many standard deviations for noise.
+_SHADING_CHANGE, _NOISE_CHANGE = 0.06, 1.0
+# Weights in the cost, in which the largest edge strength lowers the cost by 1: of the sharp changes that the ray has
+# crossed before; of how far the level has risen on the way, as from a dark wall to the fat behind it; of slopes of 45
+# degrees between neighbouring rays (the smoothness weight); and of the border of the volume, which counts as an edge.
+# The border may weigh 0.1 to 0.5 in a bladder that is cut twice (IM0228), and anything up to 0.7 in the others. In
+# seven bladders slopes may weigh 0.055 to 0.22; with less than 0.12 a rectum in thick slices goes on through the anal
+# canal.
+_CROSSED_WEIGHT, _RISE_WEIGHT, _SMOOTHNESS, _BORDER_WEIGHT = 0.35, 0.35, 0.13, 0.25
+# Cost of a radius that is excluded or misses a known place of the wall. A radius of the ray nearest to a place misses
+# it if they differ by more than a sample plus this many times the distance of the place from the ray.
+_EXCLUDED_COST, _WALL_SLOPE = 50.0, 1.0
+# The search is repeated from the centroid of the surface until that moves by less than this, mm, and so many times at
+# most. In real bladders it is still 2 to 14 mm away after three searches from a seed near the wall.
+_CONVERGED_MM, _MOST_SEARCHES = 1.0, 10
+# From a seed in a dark spot or near the wall, a small surface around the seed may cost less than the organ's. So where
+# all radii are shorter than this, the search is done a second time without such short radii, and of both surfaces the
+# one of less cost is taken. In six bladders where the result depends on the seed, 11 to 15 mm find all; with 8 mm one
+# is lost, with 20 mm two.
 _SMALL_MM = 15.0
-# A place this little outside of the surface is held.
-_HELD_MM = 2.0
-# The last two looks count slopes from those of a smooth shape: the logarithm of the lengths that were found, as
-# spherical harmonics up to this degree. Slopes weigh more then. In 8 hard bladders the mean Dice coefficient of the
-# region is 0.960, and 0.956 without; degrees of 2 and 6, and weights of 0.1 and 0.4, change single ones by up to 0.01.
-_DEGREE, _STIFFER = 4, 0.2
-# The last one follows more directions, near the surface that was found: so many samples to either side.
+# A seed that lies outside of the surface by at most this counts as inside.
+_SEED_TOLERANCE_MM = 2.0
+# The last two searches measure slopes from a smooth shape: spherical harmonics up to this degree, fitted to the
+# logarithm of the radii that were found. The smoothness weight is then the larger one here. In 8 hard bladders the mean
+# Dice coefficient of the region is 0.960, and 0.956 without; degrees of 2 and 6, and weights of 0.1 and 0.4, change
+# single ones by up to 0.01.
+_DEGREE, _SHAPE_SMOOTHNESS = 4, 0.2
+# The last search has more directions (whole numbers up to the first of these, see `sphere`), and radii within so many
+# samples of the surface that was found.
 _FINE, _NEAR = 5, 10
-# Behind the edge, the outside level is the one farthest from the inside within so many samples, as in a thin wall.
-_DEPTH = 5
-# What strengths of an edge mean: one is there.
-AN_EDGE = 0.46
+# The wall may be thin: the level outside is the one farthest from the level inside in so many samples from the edge on.
+_WALL_SAMPLES = 5
+# Edges of a greater strength count as found.
+EDGE_STRENGTH = 0.46
 
 
 @dataclass(frozen=True, eq=False)
 class Star:
-    """A closed surface that is seen from one place, one entry per direction.
+    """A closed star-shaped surface: one radius for each direction from its centre.
 
     Attributes
     ----------
@@ -78,64 +88,65 @@ class Star:
         RAS mm.
     directions : ndarray, shape (n, 3)
         Unit vectors, RAS.
-    lengths : ndarray, shape (n,)
+    radii : ndarray, shape (n,)
         From the centre to the surface, mm.
     strengths : ndarray, shape (n,)
-        How much of an edge the image shows there, from 0 to 1.
-    ends : ndarray, shape (n,)
-        From the centre to where the volume ends, mm.
+        Edge strength at the surface, from 0 to 1.
+    border : ndarray, shape (n,)
+        Distance from the centre to the last sample in the volume, mm.
     inner, outer : ndarray, shape (n,)
         Grey levels before and behind the surface.
     contrast : float
-        Unit of the steps.
-    falls : bool
-        Whether the level falls at the edge.
+        Contrast of the grey levels around the centre, larger than 0; the unit of steps.
+    bright : bool
+        True if the organ is brighter than what borders on it.
     cost : float
-        Mean over the directions.
+        Mean cost over the directions, without that of slopes.
     """
 
     center: np.ndarray
     directions: np.ndarray
-    lengths: np.ndarray
+    radii: np.ndarray
     strengths: np.ndarray
-    ends: np.ndarray
+    border: np.ndarray
     inner: np.ndarray
     outer: np.ndarray
     contrast: float
-    falls: bool
+    bright: bool
     cost: float
 
     @property
     def points(self) -> np.ndarray:
-        """Where the rays end, (n, 3) RAS mm."""
-        return self.center + self.lengths[:, None] * self.directions
+        """Points of the surface, (n, 3) RAS mm."""
+        return self.center + self.radii[:, None] * self.directions
 
     @property
     def cut(self) -> np.ndarray:
-        """Where the volume ends before an edge, (n,) of bool."""
-        return self.lengths > self.ends
+        """Where the surface lies beyond the border of the volume, (n,) of bool."""
+        return self.radii > self.border
 
     @cached_property
-    def middle(self) -> np.ndarray:
-        """Centre of mass of what lies in the volume, (3,) RAS mm: a cone's is three quarters of the way to its base."""
-        lengths = np.minimum(self.lengths, self.ends)
-        return self.center + 0.75 * (lengths**4 @ self.directions) / (lengths**3).sum()
+    def centroid(self) -> np.ndarray:
+        """Centre of mass of the part in the volume, (3,) RAS mm."""
+        radii = np.minimum(self.radii, self.border)
+        # A cone's centre of mass is three quarters of the way to its base.
+        return self.center + 0.75 * (radii**4 @ self.directions) / (radii**3).sum()
 
     @property
     def found(self) -> np.ndarray:
-        """Where there is an edge, (n,) of bool."""
-        return (self.strengths > AN_EDGE) & ~self.cut
+        """Where an edge was found, (n,) of bool."""
+        return (self.strengths > EDGE_STRENGTH) & ~self.cut
 
 
 def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -> Star:
-    """Find the star-shaped surface of least cost around a place.
+    """Find the star-shaped surface of least cost around seeds.
 
     Parameters
     ----------
     image : Image
     seeds : (3,) or (n, 3) ndarray
-        RAS mm, in the volume: the place, or several in the organ about their mean. A surface that holds them all is not
-        left for one that does not.
+        RAS mm, in the volume. The first search starts from their mean. A surface that contains all of several seeds is
+        not replaced by one that does not.
     wall : (n, 3) ndarray, optional
         Places that the surface has to pass, RAS mm.
 
@@ -145,112 +156,123 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
 
     Notes
     -----
-    Along each ray, a step of the grey level lowers the cost where it is sharp, and what the ray has crossed before
-    raises it: sharp changes, and any rise (of an organ brighter than its wall; a fall of another). Whether the level
-    falls or rises at an organ's edge is what costs less. Two last looks, the second at more directions, compare the
-    surface with its own smooth shape: where no edge is seen, it goes on as that does.
+    The cost of a radius is low where the grey level has a sharp step. What the ray has crossed before that raises the
+    cost: sharp changes, and any rise of the level (a fall for an organ that is darker than its wall). Both a bright and
+    a dark organ are tried, and the surface of less cost is taken. As in optimal surface detection [1]_, the surface is
+    smooth because slopes between neighbouring rays cost their square. The last two searches, the second with more
+    directions, measure slopes from a smooth shape fitted to the surface, so that it continues as that shape where the
+    image shows no edge.
+
+    References
+    ----------
+    .. [1] K. Li, X. Wu, D. Chen, M. Sonka, "Optimal surface segmentation in volumetric images", IEEE Trans. PAMI 28(1),
+       2006.
     """
     seeds = np.atleast_2d(seeds)
     seed = seeds.mean(axis=0)
     level = float(image.array[tuple(np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int))])
     search = _Search(image, seeds, np.empty((0, 3)) if wall is None else wall)
     found = []
-    for falls in (True, False):
-        found.append(search.settled(seed, falls=falls))
-        if found[-1].lengths.max() < _SMALL_MM:
-            found.append(search.settled(seed, falls=falls, least=_SMALL_MM))
-    star = search.closely(search.stiffer(min(found, key=lambda star: star.cost)))
+    for bright in (True, False):
+        found.append(search.repeated(seed, bright=bright))
+        if found[-1].radii.max() < _SMALL_MM:
+            found.append(search.repeated(seed, bright=bright, shortest=_SMALL_MM))
+    star = search.refined(search.smoother(min(found, key=lambda star: star.cost)))
     return replace(star, inner=star.inner + level, outer=star.outer + level)
 
 
 def blurred(image: Image) -> np.ndarray:
-    """Average fine voxels over about a millimetre."""
+    """Average fine voxels over about a millimetre; the array of an image."""
     return ndimage.uniform_filter(image.array, size=tuple(2 * np.rint(_BLUR_MM / image.spacing[::-1]).astype(int) + 1))
 
 
 def _around(image: Image, seed: np.ndarray) -> Image:
-    """Cut out what is within reach of a place, in grey levels from that at the place, averaged."""
+    """Crop the image around a seed, subtract the grey level at the seed, and average."""
     voxel = np.rint(image.to_ijk(seed[None])[0, ::-1]).astype(int)
     reach = np.ceil(_REACH_MM / image.spacing[::-1]).astype(int)
     crop = image.crop(np.maximum(voxel - reach, 0), np.minimum(voxel + reach + 1, image.array.shape))
-    # Before the numbers are made short: a constant that is added to the image then changes nothing.
+    # In double precision, so that a constant added to all grey levels does not change the result.
     levels = (crop.array.astype(float) - float(image.array[tuple(voxel)])).astype(np.float32)
     return Image(blurred(Image(levels, crop.ijk_to_ras)), crop.ijk_to_ras)
 
 
 class _Search:
-    """Looks for a surface around places (m, 3) in an image, through places of the wall (n, 3) that are known."""
+    """Search for a surface around seeds (m, 3) in an image, through known places (n, 3) of the wall."""
 
     def __init__(self, image: Image, seeds: np.ndarray, wall: np.ndarray):
         self.image, self.seeds, self.wall = image, seeds, wall
         self.sampler = Sampler(_around(image, seeds.mean(axis=0)))
         self.axes = image.ijk_to_ras[:3, :3] / image.spacing
 
-    def look(self, center: np.ndarray, *, falls: bool, least: float = 0.0, shape: np.ndarray | None = None) -> Star:
-        """Look once, from a place, at radii from the least one on, mm; slopes count from those of a shape, (n,) mm."""
+    def once(self, center: np.ndarray, *, bright: bool, shortest: float = 0.0, shape: np.ndarray | None = None) -> Star:
+        """Find the surface around a centre with radii from the shortest on, mm.
+
+        Slopes are measured from those of a smooth shape with radii (n,), mm, if one is given.
+        """
         radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
-        costs, strengths = rays.costs(falls, self.wall)
-        places = _chosen(costs + _MISSED * (radii < least), radii, shape)
-        return rays.star(falls, places, costs, strengths)
+        costs, strengths = rays.costs(bright, self.wall)
+        samples = _chosen(costs + _EXCLUDED_COST * (radii < shortest), radii, shape)
+        return rays.star(bright, samples, costs, strengths)
 
     def rays(self, center: np.ndarray, directions: np.ndarray, radii: np.ndarray) -> _Rays:
-        """Look along rays."""
+        """Sample the image along rays."""
         levels, valid = self.sampler.values(center + directions[:, None] * radii[..., None])
         valid = np.logical_and.accumulate(valid, axis=1)
         voxels = np.linalg.norm(directions @ np.linalg.inv(self.axes).T * self.image.spacing, axis=1)
-        widths = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
-        return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, widths[:, None])
+        scales = np.maximum(np.rint(voxels / (_VOXEL_SAMPLES * _STEP_MM)), 1.0).astype(int)
+        return _Rays(center, directions, radii, continued(levels.astype(float), valid), valid, scales[:, None])
 
-    def settled(self, seed: np.ndarray, *, falls: bool, least: float = 0.0) -> Star:
-        """Look from a place, and again from the middle of what was seen until it moves no more."""
-        star = self.look(seed, falls=falls, least=least)
+    def repeated(self, seed: np.ndarray, *, bright: bool, shortest: float = 0.0) -> Star:
+        """Find the surface around a seed, and again around its own centroid until that stays in place."""
+        star = self.once(seed, bright=bright, shortest=shortest)
         image = self.image
-        for _ in range(_LOOKS - 1):
-            center = image.to_ras(np.clip(image.to_ijk(star.middle[None]), 0.0, image.size - 1.0))[0]
-            if np.linalg.norm(center - star.center) < _SETTLED_MM:
+        for _ in range(_MOST_SEARCHES - 1):
+            center = image.to_ras(np.clip(image.to_ijk(star.centroid[None]), 0.0, image.size - 1.0))[0]
+            if np.linalg.norm(center - star.center) < _CONVERGED_MM:
                 break
-            further = self.look(center, falls=star.falls, least=least)
-            if len(self.seeds) > 1 and self.holds(star) and not self.holds(further):
+            further = self.once(center, bright=bright, shortest=shortest)
+            if len(self.seeds) > 1 and self.contains_seeds(star) and not self.contains_seeds(further):
                 break
             star = further
         return star
 
-    def holds(self, star: Star) -> bool:
-        """Whether a surface holds all places, or nearly."""
+    def contains_seeds(self, star: Star) -> bool:
+        """Whether all seeds are inside of a surface, within the tolerance."""
         away = self.seeds - star.center
         distances = np.linalg.norm(away, axis=1)
-        lengths = between(star.directions, star.lengths, away / np.maximum(distances, 1e-9)[:, None])
-        return bool((distances <= lengths + _HELD_MM).all())
+        radii = between(star.directions, star.radii, away / np.maximum(distances, 1e-9)[:, None])
+        return bool((distances <= radii + _SEED_TOLERANCE_MM).all())
 
-    def stiffer(self, star: Star) -> Star:
-        """Look once more from the same place, with slopes counted from those of the smooth shape of what was seen."""
-        return self.look(star.center, falls=star.falls, shape=_shape(star, star.directions))
+    def smoother(self, star: Star) -> Star:
+        """Find the surface again around the same centre, with slopes measured from a smooth shape fitted to it."""
+        return self.once(star.center, bright=star.bright, shape=_shape(star, star.directions))
 
-    def closely(self, star: Star) -> Star:
-        """Look at more directions, near a surface that was found."""
+    def refined(self, star: Star) -> Star:
+        """Find the surface again with more directions, near the one that was found."""
         ball = sphere(_FINE)
         directions = ball.directions @ self.axes.T
-        # Before they are turned: many are as near as others, and the last digit of the turn would choose among them.
-        lengths = between(sphere().directions, star.lengths, ball.directions)
-        inner = int(np.ceil(lengths.max() / _STEP_MM))
+        # Before they are turned: many are equally near to others, and rounding errors would choose among them.
+        radii = between(sphere().directions, star.radii, ball.directions)
+        inner = int(np.ceil(radii.max() / _STEP_MM))
         steps = _STEP_MM * np.arange(-inner, _NEAR + _LATER[1] + 1)
-        rays = self.rays(star.center, directions, np.maximum(lengths[:, None] + steps, _STEP_MM / 2.0))
-        costs, strengths = rays.costs(star.falls, self.wall)
+        rays = self.rays(star.center, directions, np.maximum(radii[:, None] + steps, _STEP_MM / 2.0))
+        costs, strengths = rays.costs(star.bright, self.wall)
         near = slice(max(inner - _NEAR, 0), inner + _NEAR + 1)
-        slopes = 2.0 * _STEP_MM / ((lengths[ball.first] + lengths[ball.second]) * ball.angles)
-        shape = (_shape(star, directions) - lengths) / _STEP_MM
-        best = cheapest_radii(ball, costs[:, near], slopes, stiffness=_STIFFER, most=_MOST_APART, shape=shape)
-        places = near.start + best
-        return rays.star(star.falls, places, costs, strengths)
+        slopes = 2.0 * _STEP_MM / ((radii[ball.first] + radii[ball.second]) * ball.angles)
+        shape = (_shape(star, directions) - radii) / _STEP_MM
+        best = cheapest_radii(
+            ball, costs[:, near], slopes, smoothness=_SHAPE_SMOOTHNESS, most_apart=_MOST_APART, shape=shape
+        )
+        return rays.star(star.bright, near.start + best, costs, strengths)
 
 
 @dataclass(frozen=True, eq=False)
 class _Rays:
-    """Grey levels along rays from a place: radii, levels and where they are in the volume, each (n, m).
+    """Grey levels along n rays from a centre: radii, mm, levels, and whether they are in the volume, each (n, m).
 
-    `widths`, (n, 1), are samples from one that counts to the next.
+    `scales`, (n, 1), are the distances, in samples, between the samples that are averaged before and behind an edge.
     """
 
     center: np.ndarray
@@ -258,112 +280,115 @@ class _Rays:
     radii: np.ndarray
     levels: np.ndarray
     valid: np.ndarray
-    widths: np.ndarray
+    scales: np.ndarray
 
     @cached_property
     def contrast(self) -> float:
-        """Unit of the steps."""
+        """Contrast of the grey levels along the rays."""
         return contrast_of(self.levels, self.valid, self.radii)
 
-    def costs(self, falls: bool, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cost of every sample, and how much of an edge there is, where the level falls or rises."""
-        levels = self.levels if falls else -self.levels
-        crossed = _CROSSED * _crossed(self.levels, self.valid, self.contrast, self.widths)
-        crossed += _RISEN * _risen(levels, self.contrast, self.widths)
-        strengths = _strengths(levels, self.contrast, self.widths)
+    def costs(self, bright: bool, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cost and edge strength at every sample, each (n, m), of an organ that is bright or dark."""
+        levels = self.levels if bright else -self.levels
+        crossed = _CROSSED_WEIGHT * _crossed(self.levels, self.valid, self.contrast, self.scales)
+        crossed += _RISE_WEIGHT * _largest_rise(levels, self.contrast, self.scales)
+        strengths = _strengths(levels, self.contrast, self.scales)
         last = np.maximum(self.valid.sum(axis=1) - 1, 0)[:, None]
-        ends = np.take_along_axis(crossed, last, axis=1) - _END
-        return np.where(self.valid, crossed - strengths, ends) + self._missed(wall), strengths
+        beyond = np.take_along_axis(crossed, last, axis=1) - _BORDER_WEIGHT
+        return np.where(self.valid, crossed - strengths, beyond) + self._cost_of_wall(wall), strengths
 
-    def _missed(self, wall: np.ndarray) -> np.ndarray:
-        """Cost of missing known places of the wall: that of every sample of the rays next to them, (n, m)."""
+    def _cost_of_wall(self, wall: np.ndarray) -> np.ndarray:
+        """Cost of the samples that miss the known places of the wall nearest to their ray, (n, m)."""
         away = wall - self.center
         distances = np.linalg.norm(away, axis=1)
-        alike = self.directions @ (away / distances[:, None]).T
-        cost, rays = np.zeros_like(self.levels), alike.argmax(axis=0)
+        cosines = self.directions @ (away / distances[:, None]).T
+        cost, rays = np.zeros_like(self.levels), cosines.argmax(axis=0)
         for ray in np.unique(rays):
             of_ray = rays == ray
-            aside = distances[of_ray] * np.sqrt(np.maximum(1.0 - alike[ray, of_ray] ** 2, 0.0))
-            missed = np.abs(self.radii[ray, :, None] - distances[of_ray]) > _STEP_MM + _BESIDE * aside
-            cost[ray] = _MISSED * missed.all(axis=1)
+            aside = distances[of_ray] * np.sqrt(np.maximum(1.0 - cosines[ray, of_ray] ** 2, 0.0))
+            missed = np.abs(self.radii[ray, :, None] - distances[of_ray]) > _STEP_MM + _WALL_SLOPE * aside
+            cost[ray] = _EXCLUDED_COST * missed.all(axis=1)
         return cost
 
-    def star(self, falls: bool, places: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
-        """Make a star of the sample that was chosen on each ray."""
-        rays, levels, sign = np.arange(len(places)), self.levels, 1.0 if falls else -1.0
-        depths = np.minimum(places[:, None] + self.widths * np.arange(_DEPTH), levels.shape[1] - 1)
+    def star(self, bright: bool, samples: np.ndarray, costs: np.ndarray, strengths: np.ndarray) -> Star:
+        """Make the surface through the chosen sample of each ray."""
+        rays, levels, sign = np.arange(len(samples)), self.levels, 1.0 if bright else -1.0
+        behind = np.minimum(samples[:, None] + self.scales * np.arange(_WALL_SAMPLES), levels.shape[1] - 1)
         return Star(
             center=self.center,
             directions=self.directions,
-            lengths=self.radii[rays, places],
-            strengths=strengths[rays, places],
-            ends=self.radii[rays, np.maximum(self.valid.sum(axis=1) - 1, 0)],
-            inner=_means(levels, *_BEFORE, self.widths)[rays, places],
-            outer=sign * (sign * np.take_along_axis(levels, depths, 1)).min(axis=1),
+            radii=self.radii[rays, samples],
+            strengths=strengths[rays, samples],
+            border=self.radii[rays, np.maximum(self.valid.sum(axis=1) - 1, 0)],
+            inner=_means(levels, *_BEFORE, self.scales)[rays, samples],
+            outer=sign * (sign * np.take_along_axis(levels, behind, 1)).min(axis=1),
             contrast=self.contrast,
-            falls=falls,
-            cost=float(costs[rays, places].mean()),
+            bright=bright,
+            cost=float(costs[rays, samples].mean()),
         )
 
 
-def _strengths(levels: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
-    """How much of an edge there is at every sample where levels fall, from 0 to 1."""
-    earlier, before, behind, later = (_means(levels, *part, widths) for part in (_EARLIER, _BEFORE, _BEHIND, _LATER))
+def _strengths(levels: np.ndarray, contrast: float, scales: np.ndarray) -> np.ndarray:
+    """Edge strength, from 0 to 1, of a fall of the level at every sample."""
+    earlier, before, behind, later = (_means(levels, *part, scales) for part in (_EARLIER, _BEFORE, _BEHIND, _LATER))
     shading = np.maximum(earlier - before, 0.0) + np.maximum(behind - later, 0.0)
     steps = (before - behind - _SHADING * shading) / contrast
-    return np.tanh(np.maximum(steps - _SLIGHT, 0.0) / STEP_SHARE)
+    return np.tanh(np.maximum(steps - _LEAST_STEP, 0.0) / STEP_SHARE)
 
 
-def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
-    """Sharp changes of the level that a ray has crossed before each sample, in units of the contrast."""
-    places = np.arange(levels.shape[1])
-    changes = np.abs(levels - np.take_along_axis(levels, np.maximum(places - widths, 0), axis=1))
-    slow = max(_SLOW * contrast, _NOISE * noise_of(changes[valid]))
-    return _before(np.cumsum(np.maximum(changes - slow, 0.0) / widths, axis=1) / contrast, widths)
+def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float, scales: np.ndarray) -> np.ndarray:
+    """Sum of the sharp changes that a ray has crossed before each sample, in units of the contrast."""
+    samples = np.arange(levels.shape[1])
+    changes = np.abs(levels - np.take_along_axis(levels, np.maximum(samples - scales, 0), axis=1))
+    slow = max(_SHADING_CHANGE * contrast, _NOISE_CHANGE * noise_of(changes[valid]))
+    return _before(np.cumsum(np.maximum(changes - slow, 0.0) / scales, axis=1) / contrast, scales)
 
 
-def _risen(levels: np.ndarray, contrast: float, widths: np.ndarray) -> np.ndarray:
-    """How far levels have risen at most on the way to each sample, in units of the contrast."""
-    levels = _means(levels, -1, 1, np.ones_like(widths))
-    risen = np.maximum.accumulate(levels - np.minimum.accumulate(levels, axis=1), axis=1) / contrast
-    return _before(risen, widths)
+def _largest_rise(levels: np.ndarray, contrast: float, scales: np.ndarray) -> np.ndarray:
+    """Largest rise of the level between two places before each sample, in units of the contrast."""
+    levels = _means(levels, -1, 1, np.ones_like(scales))
+    rises = np.maximum.accumulate(levels - np.minimum.accumulate(levels, axis=1), axis=1) / contrast
+    return _before(rises, scales)
 
 
-def _before(sums: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """Shift sums to where an edge at every sample begins; 0 at the first ones."""
-    places = np.arange(sums.shape[1]) - _BEHIND[1] * widths
-    return np.where(places >= 0, np.take_along_axis(sums, np.maximum(places, 0), axis=1), 0.0)
+def _before(sums: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """Shift sums outward by half an edge, so that an edge does not count as crossed at its own sample."""
+    samples = np.arange(sums.shape[1]) - _BEHIND[1] * scales
+    return np.where(samples >= 0, np.take_along_axis(sums, np.maximum(samples, 0), axis=1), 0.0)
 
 
-def _means(levels: np.ndarray, first: int, last: int, widths: np.ndarray) -> np.ndarray:
-    """Means over the samples from the first to the last one, counted from every sample in widths (n, 1)."""
-    most = int(widths.max())
+def _means(levels: np.ndarray, first: int, last: int, scales: np.ndarray) -> np.ndarray:
+    """Mean over the samples between two offsets from every sample; a ray's scale, (n, 1), multiplies the offsets."""
+    most = int(scales.max())
     left, right = max(-first, 0) * most, max(last, 0) * most
     sums = np.cumsum(np.pad(np.pad(levels, ((0, 0), (left, right)), mode="edge"), ((0, 0), (1, 0))), axis=1)
-    start = np.arange(levels.shape[1]) + left + first * widths
-    count = (last - first) * widths + 1
+    start = np.arange(levels.shape[1]) + left + first * scales
+    count = (last - first) * scales + 1
     return (np.take_along_axis(sums, start + count, axis=1) - np.take_along_axis(sums, start, axis=1)) / count
 
 
 def _shape(star: Star, directions: np.ndarray) -> np.ndarray:
-    """Lengths of a star's smooth shape along directions (n, 3), mm."""
-    return np.exp(smoothed(star.directions, np.log(star.lengths), directions, degree=_DEGREE))
+    """Radii of a star's smooth shape along directions (n, 3), mm."""
+    return np.exp(smoothed(star.directions, np.log(star.radii), directions, degree=_DEGREE))
 
 
 def _chosen(costs: np.ndarray, radii: np.ndarray, shape: np.ndarray | None) -> np.ndarray:
-    """Sample of each ray on the surface of least cost. Slopes count from those of a shape, (n,) mm, if one is given."""
+    """Sample of each ray on the surface of least cost; slopes are measured from a shape's, (n,) mm, if one is given.
+
+    The surface is found on coarse radii in equal ratios. Each has the cost of the cheapest sample nearest to it.
+    """
     count = int(np.log(_LONGEST_MM / _SHORTEST_MM) / np.log(_RATIO)) + 1
     coarse = _SHORTEST_MM * _RATIO ** np.arange(count)
     bins = np.searchsorted(coarse * np.sqrt(_RATIO), radii)
-    places, lowest = np.empty((2, len(costs), count))
+    cheapest, lowest = np.empty((2, len(costs), count))
     for number, radius in enumerate(coarse):
         samples = np.flatnonzero(bins == number)
         if not len(samples):
             samples = np.array([np.abs(radii - radius).argmin()])
-        places[:, number] = samples[costs[:, samples].argmin(axis=1)]
+        cheapest[:, number] = samples[costs[:, samples].argmin(axis=1)]
         lowest[:, number] = costs[:, samples].min(axis=1)
     slopes = np.log(_RATIO) / sphere().angles
-    stiffness = _STIFFNESS if shape is None else _STIFFER
-    samples = None if shape is None else np.log(shape) / np.log(_RATIO)
-    best = cheapest_radii(sphere(), lowest, slopes, stiffness=stiffness, most=_MOST_APART, shape=samples)
-    return places[np.arange(len(costs)), best].astype(int)
+    smoothness = _SMOOTHNESS if shape is None else _SHAPE_SMOOTHNESS
+    places = None if shape is None else np.log(shape) / np.log(_RATIO)
+    best = cheapest_radii(sphere(), lowest, slopes, smoothness=smoothness, most_apart=_MOST_APART, shape=places)
+    return cheapest[np.arange(len(costs)), best].astype(int)

@@ -1,4 +1,4 @@
-"""Grey levels that separate an organ from its surroundings."""
+"""Lowest and highest grey level of an organ, from the levels before and behind its edges."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ import numpy as np
 
 from .ray_edges import Edges
 
-# Fewer edges than this share of the rays are chance; and a side of the threshold needs a share of the edges.
+# If fewer than this share of the rays have an edge, the edges are taken for noise. A limit is measured if at least this
+# share of the edges falls (lowest level), or rises (highest level), outward.
 _FEWEST_EDGES, FEWEST_ON_SIDE = 0.1, 0.25
 
 
 def threshold_between(edges: Edges) -> tuple[float, float]:
-    """Find the lowest and highest grey level of an organ between the levels before and behind its edges.
+    """Find the lowest and highest grey level of an organ.
 
-    The limit towards the levels outside is half way between the levels before and behind the edges. A side with few
-    edges is limited by the spread of the levels inside, but no nearer than the level outside is on the other side.
+    Each edge has a mean of the levels before and behind it. The lowest level is the median of this mean over the edges
+    at which the grey level falls outward, the highest level that over the edges at which it rises. If few edges fall
+    (or rise), that limit is six times the spread of the organ's levels away from their median, or the median step of
+    the other edges if that is more.
 
     Parameters
     ----------
@@ -28,22 +31,22 @@ def threshold_between(edges: Edges) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If the rays found no edge.
+        If hardly any ray has an edge.
     """
-    falls = edges.found & (edges.outer < edges.inner)
-    rises = edges.found & (edges.outer > edges.inner)
+    falling = edges.found & (edges.outer < edges.inner)
+    rising = edges.found & (edges.outer > edges.inner)
     if edges.found.sum() < _FEWEST_EDGES * edges.found.size:
         msg = (
-            f"No edge of an organ was found around the seeds (grey level {edges.middle:.6g}); check that they are "
-            "inside the organ, or give the threshold as its lowest and highest grey level."
+            f"No edge of an organ was found around the seeds (grey level {edges.median_level:.6g}); check that they "
+            "are inside the organ, or give the threshold as its lowest and highest grey level."
         )
         raise ValueError(msg)
     least = FEWEST_ON_SIDE * edges.found.sum()
     half = (edges.inner + edges.outer) / 2
-    low = np.median(half[falls]) if falls.sum() >= least else None
-    high = np.median(half[rises]) if rises.sum() >= least else None
+    low = np.median(half[falling]) if falling.sum() >= least else None
+    high = np.median(half[rising]) if rising.sum() >= least else None
     if low is None:
-        low = edges.middle - max(6 * edges.spread, np.median((edges.outer - edges.inner)[rises]))
+        low = edges.median_level - max(6 * edges.spread, np.median((edges.outer - edges.inner)[rising]))
     if high is None:
-        high = edges.middle + max(6 * edges.spread, np.median((edges.inner - edges.outer)[falls]))
+        high = edges.median_level + max(6 * edges.spread, np.median((edges.inner - edges.outer)[falling]))
     return float(low), float(high)
