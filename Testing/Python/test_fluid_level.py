@@ -148,7 +148,7 @@ def test_what_was_found_before_the_level_stays_a_diagnostic_and_is_no_leak(monke
     region = before_the_level(image, inside, behind)
     sizes = {"grown_ml": 5.0, "shaped_ml": 30.0, "taken_ml": 30.0}
     differs = replace(region, threshold=(100.0, 200.0), diagnostics=(Diagnostic("starts_differ", sizes),))
-    monkeypatch.setattr(separation, "_chosen", lambda *_: differs)
+    monkeypatch.setattr(separation, "_by_both_ways", lambda *_: differs)
     whole = separate(image, [0.0, 5.0, 0.0])
     assert [each.code for each in whole.diagnostics] == ["starts_differ", "layer_included"]
     # Of the region before the level, continued.
@@ -159,7 +159,7 @@ def test_a_region_that_misses_a_part_of_the_organ_gives_way_to_the_shape_behind_
     image, inside, behind = ball()
     left = np.arange(inside.shape[2]) < HALF + 5
     part = region_from_mask(image, inside & (behind < 0.5) & left, largest_component=True)
-    monkeypatch.setattr(separation, "_chosen", lambda *_: part)
+    monkeypatch.setattr(separation, "_by_both_ways", lambda *_: part)
     whole = separate(image, [0.0, 5.0, 0.0])
     assert [each.code for each in whole.diagnostics] == ["layer_included"]
     assert whole.volume_ml == pytest.approx(np.count_nonzero(inside) / 1000.0, rel=0.03)

@@ -10,8 +10,8 @@ from measuring import interleaved_seconds, ratio, table
 
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface import BSplineSurface
-from VICRegistrationLib.imaging.boxes import ball_radius
 from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.moments import ball_radius
 from VICRegistrationLib.phantoms.pelvis import pelvis_phantom
 from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.organ import fit_organ, fit_region

@@ -23,8 +23,8 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
         )
     ),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
-    *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_NOISE")),
-    *((growing, name) for name in ("_MOST_TIMES_SEEN", "FRAGMENT")),
+    *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_LEAST_CONTRAST")),
+    *((growing, name) for name in ("_MOST_TIMES_SPANNED", "FRAGMENT")),
 )
 LIMIT_MM = 1.5
 

@@ -1,9 +1,8 @@
-"""Bounding boxes of masks and balls, the number of pieces of a mask, and the radius of a ball of given volume."""
+"""Bounding boxes of masks and balls."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from .morphology import ball_reach
 
@@ -40,14 +39,3 @@ def ball_box(grid, voxel, steps, radius):
     distances = np.linalg.norm(offsets[..., ::-1] @ steps.T, axis=-1)
     distances[distances > radius * (1 + 1e-6)] = np.inf
     return tuple(map(slice, low, high)), distances
-
-
-def pieces(mask):
-    """Count the pieces of a mask that is not empty."""
-    first, last = bounds(mask)
-    return ndimage.label(mask[tuple(map(slice, first, last))])[1]
-
-
-def ball_radius(volume: float) -> float:
-    """Radius of a ball with a volume, mm for mm^3; the sign, negative if a surface is inside out, is ignored."""
-    return (3.0 * abs(float(volume)) / (4.0 * np.pi)) ** (1.0 / 3.0)

@@ -1,4 +1,4 @@
-"""Centre, principal axes and extents of a region."""
+"""Centre, principal axes and extents of a region, and the radius of a ball of the same volume."""
 
 from __future__ import annotations
 
@@ -69,6 +69,11 @@ def moments(region: Region) -> Moments:
         axes[np.argmin(np.abs(skewness))] *= -1
     center = steps @ middle + region.ijk_to_ras[:3, 3]
     return Moments(center=center, axes=axes, extents=extents)
+
+
+def ball_radius(volume: float) -> float:
+    """Radius of a ball with a volume, mm for mm^3; the sign, negative if a surface is inside out, is ignored."""
+    return (3.0 * abs(float(volume)) / (4.0 * np.pi)) ** (1.0 / 3.0)
 
 
 def _row_sums(mask):

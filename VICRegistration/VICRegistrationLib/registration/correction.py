@@ -25,8 +25,8 @@ from ..geometry.projection import Projection, closest_points
 from ..geometry.space_deformation import agreeing, deformed_through
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
-from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
+from ..imaging.moments import ball_radius
 from .boundary_points import LARGEST_LEFT_MM, check_distances
 from .cost import Correlation, Objective
 from .joint_stacks import with_stacks

@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 
 from ..geometry.projection import closest_points
 from ..geometry.surface import BSplineSurface
-from ..imaging.boxes import ball_radius
 from ..imaging.image import Image, patient_side
+from ..imaging.moments import ball_radius
 from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..messages import Diagnostic

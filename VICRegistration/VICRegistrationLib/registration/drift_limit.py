@@ -13,7 +13,7 @@ import numpy as np
 
 from ..geometry.surface import BSplineSurface
 from ..geometry.validity import check_surface
-from ..imaging.boxes import ball_radius
+from ..imaging.moments import ball_radius
 from ..messages import Diagnostic
 from .choices import Choice
 from .nets import net_of, net_text, sampled_net

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 
 from ..geometry.surface import BSplineSurface
-from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
-from ..imaging.moments import Moments
+from ..imaging.moments import Moments, ball_radius
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .levels import levels_of_region, measured_levels

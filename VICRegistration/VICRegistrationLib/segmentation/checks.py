@@ -1,30 +1,32 @@
-"""What a separation is asked for, and what came out of it: refused, or reported as a diagnostic."""
+"""Checks of the input of a separation and of its region: errors for the user, and diagnostics."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
 
-from ..imaging.boxes import ball_box, pieces
+from ..imaging.boxes import ball_box
 from ..messages import Diagnostic
 
-# More of the volume than any organ takes: the region has leaked into the surroundings.
+# A region that takes a larger share of the volume is a leak into the surroundings.
 _LARGEST_SHARE = 0.6
-# Slices that end within an organ cut it at two faces; with more than one more it is not one organ.
+# So is a region that touches this many faces of the volume: a stack that ends within an organ cuts it at two.
 _MOST_FACES = 4
-# A region this many times the volume that the rays from the seeds span has leaked.
+# A region this many times as large as the volume that the rays from the seeds span is reported as a leak.
 LEAK_FACTOR = 1.3
-# Longest side of a volume, mm: a shorter one is thinner than what is eroded from both sides, a longer one no body's.
+# The longest side of a volume, mm, lies between these: the erosion by 2 mm from both sides would leave nothing of a
+# smaller volume, and a larger one is longer than any body.
 _SIDES_MM = (4.0, 1e4)
 
 
 class TooLarge(ValueError):
-    """A region within a threshold is no organ, but too large or cut at too many faces.
+    """Error: a region is too large, or touches too many faces of the volume, to be one organ.
 
     Parameters
     ----------
     message : str
     threshold : (float, float)
+        Lowest and highest grey level of the region.
     """
 
     def __init__(self, message, threshold):
@@ -33,7 +35,7 @@ class TooLarge(ValueError):
 
 
 def check_scale(image):
-    """Refuse a volume that is given in another unit than millimetres."""
+    """Raise a ValueError if the size of a volume shows that its unit is not the millimetre."""
     sides = image.spacing * image.size
     shortest, longest = _SIDES_MM
     if shortest <= sides.max() <= longest:
@@ -51,7 +53,7 @@ def check_scale(image):
 
 
 def checked_threshold(threshold):
-    """Check a threshold given by a user, and return its two numbers."""
+    """Return a user's threshold as two numbers; raises a ValueError if it is not two, or empty."""
     try:
         low, high = (float(value) for value in threshold)
     except (TypeError, ValueError):
@@ -67,7 +69,10 @@ def checked_threshold(threshold):
 
 
 def checked_radius(name, radius, image):
-    """Check a radius given by a user, mm, and return it as a number."""
+    """Return a user's radius, mm, as a number; raises a ValueError if it is negative or longer than any organ is thick.
+
+    The name is used in the message.
+    """
     radius = float(radius)
     if not (np.isfinite(radius) and radius >= 0):
         msg = f"The {name} is {radius:g} mm; it must be zero or a positive length."
@@ -83,7 +88,7 @@ def checked_radius(name, radius, image):
 
 
 def refuse_seed(image, seed, voxel, limits, *, suggested):
-    """Say that the limits, suggested or given, do not hold a seed at a voxel."""
+    """Raise the ValueError for a seed, at a voxel (k, j, i), outside of the limits that were suggested or given."""
     level, low, high = float(image.array[tuple(voxel)]), limits.low, limits.high
     if suggested:
         msg = (
@@ -100,7 +105,7 @@ def refuse_seed(image, seed, voxel, limits, *, suggested):
 
 
 def refuse_erosion(image, seeds, voxels, inside, erosion):
-    """Say which seed the erosion leaves nothing around, and which radius would."""
+    """Raise the ValueError for a seed around which the erosion leaves no voxel, with a radius that leaves some."""
     depths = ndimage.distance_transform_edt(inside, sampling=image.spacing[::-1])
     enough = []
     for voxel in voxels:
@@ -115,7 +120,7 @@ def refuse_erosion(image, seeds, voxels, inside, erosion):
 
 
 def refuse_leak(image, seeds, edges, limits, factor):
-    """Say that what is connected to the seeds is many times what is seen from them."""
+    """Raise TooLarge for a component of the seeds that is many times what the rays from them span."""
     low = max(limits.low, float(image.array.min()))
     msg = (
         f"The grey levels {low:.6g} to {limits.high:.6g} around the seed {place(seeds[0])} are connected to more "
@@ -126,13 +131,13 @@ def refuse_leak(image, seeds, edges, limits, factor):
 
 
 def fills_volume(image, region):
-    """Whether a region takes most of its volume, or touches so many of its faces that it is not one organ."""
+    """Whether a region takes most of the volume, or touches so many of its faces that it is not one organ."""
     share = np.count_nonzero(region.mask) / image.array.size
     return share > _LARGEST_SHARE or len(region.touches_border) >= _MOST_FACES
 
 
 def check_leak(image, region):
-    """Refuse a region that takes most of its volume, or touches most of its faces."""
+    """Raise TooLarge if a region takes most of the volume, or touches most of its faces."""
     if not fills_volume(image, region):
         return
     share = np.count_nonzero(region.mask) / image.array.size
@@ -147,8 +152,8 @@ def check_leak(image, region):
 
 
 def check_pieces(region):
-    """Refuse a region of several pieces."""
-    count = pieces(region.mask)
+    """Raise a ValueError if a region has several pieces."""
+    count = ndimage.label(region.mask)[1]
     if count > 1:
         low, high = region.threshold
         remedy = "widen the threshold or lower the erosion" if region.erosion else "widen the threshold"
@@ -161,14 +166,28 @@ def check_pieces(region):
 
 
 def leak_diagnostics(region, edges, volume):
-    """Warn of a region whose volume before cavities were filled, mm^3, is larger than what the seeds see."""
+    """Report a region as a leak if it is much larger than what the rays from the seeds span.
+
+    Parameters
+    ----------
+    region : Region
+    edges : Edges
+        Of the rays from the seeds.
+    volume : float
+        Volume of the region before cavities were filled, mm^3.
+
+    Returns
+    -------
+    tuple of Diagnostic
+        One, or none.
+    """
     if volume <= LEAK_FACTOR * edges.volume:
         return ()
     low, high = (float(level) for level in region.threshold)
-    seen = {"region_ml": float(region.volume_ml), "seen_ml": float(edges.volume) / 1000.0}
-    return (Diagnostic("region_larger_than_seen", {**seen, "low": low, "high": high, "erosion_mm": region.erosion}),)
+    volumes = {"region_ml": float(region.volume_ml), "seen_ml": float(edges.volume) / 1000.0}
+    return (Diagnostic("region_larger_than_seen", {**volumes, "low": low, "high": high, "erosion_mm": region.erosion}),)
 
 
 def place(seed):
-    """Write a place for a message."""
+    """Format a point, RAS mm, for a message."""
     return "({:.1f}, {:.1f}, {:.1f}) mm".format(*seed)

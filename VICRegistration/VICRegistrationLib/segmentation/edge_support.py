@@ -1,4 +1,4 @@
-"""How much of a region's boundary the image shows as an edge."""
+"""Edge strength of the image along the boundaries of regions."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from ..imaging.region import Region
 from ..imaging.sampling import Sampler
 from .star_surface import STEP_SHARE, Star, blurred
 
-# As many voxels of the boundary are looked at.
-MOST_PLACES = 3000
-# Before and behind an edge, levels are taken at so many places, one apart from the next and from the edge, mm.
+# Of a larger number of boundary voxels, at most so many, evenly spread over their list, are used.
+MOST_VOXELS = 3000
+# The grey level is sampled along the normal at this spacing, mm, in so many samples before and behind an edge.
 _SIDE, _STEP_MM = 3, 0.75
-# The edge is looked for so many places to either side of the boundary: a boundary that runs a millimetre beside it is
-# at the same edge.
+# The edge is searched up to so many samples before and behind the boundary, so that a boundary a millimetre beside an
+# edge has the same support.
 _BESIDE = 2
 _DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
-# Normals come from the voxels within this distance.
+# Normals are computed from the voxels within this distance.
 _AROUND_MM = 3.0
 
 
 class EdgeStrengths:
-    """How much of an edge an image shows along the boundaries of masks.
+    """Edge strength of an image along the boundaries of masks.
 
     Parameters
     ----------
     image : Image
     star : Star
-        Give contrast and sign of the edge.
+        Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
     start, stop : (3,) array_like of int
-        Box of voxels (k, j, i) in which the boundaries lie.
+        Box of voxels (k, j, i) that contains the boundaries; the end is exclusive.
     """
 
     def __init__(self, image: Image, star: Star, start, stop):
@@ -43,7 +43,7 @@ class EdgeStrengths:
         self._sampler, self._image, self._star = Sampler(Image(levels, crop.ijk_to_ras)), image, star
 
     def at(self, mask: np.ndarray, voxels: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Look across a mask's boundary.
+        """Edge strength across a mask's boundary.
 
         Parameters
         ----------
@@ -56,26 +56,26 @@ class EdgeStrengths:
         Returns
         -------
         places : ndarray, shape (n, 3)
-            RAS mm.
+            Of the voxels, RAS mm.
         strengths : ndarray, shape (n,)
-            From 0 to 1; NaN at the border of the volume.
+            From 0 to 1; NaN where the normal leaves the volume.
         """
         normals = _normals(mask, voxels, self._image)
         places = self._image.to_ras((voxels + start)[:, ::-1].astype(float))
         levels, valid = self._sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
         sides = sliding_window_view(levels if self._star.bright else -levels, _SIDE, axis=1)
-        falls = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
-        strengths = np.maximum(np.tanh(falls / (STEP_SHARE * self._star.contrast)), 0.0)
+        steps = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
+        strengths = np.maximum(np.tanh(steps / (STEP_SHARE * self._star.contrast)), 0.0)
         return places, np.where(valid.all(axis=1), strengths, np.nan)
 
 
 def margin_of(image: Image) -> np.ndarray:
-    """Voxels (k, j, i) beside a boundary that its edge is looked for in."""
+    """Return the number of voxels (k, j, i) beside a boundary in which its edge is searched, (3,)."""
     return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
 
 
 def edge_support(image: Image, region: Region, star: Star) -> float:
-    """Mean strength of the edge along a region's boundary, from 0 to 1.
+    """Mean edge strength along a region's boundary.
 
     Parameters
     ----------
@@ -85,52 +85,51 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     Returns
     -------
     float
-        Without what the border of the volume cuts; 0 where it cuts everything.
+        From 0 to 1, without the boundary at the border of the volume; 0 if all of it is there.
     """
     strengths = edge_strengths(image, region, star)[1]
     return float(strengths.mean()) if len(strengths) else 0.0
 
 
 def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray, np.ndarray]:
-    """How much of an edge there is at places of a region's boundary.
+    """Edge strength at the voxels of a region's boundary, except at the border of the volume.
 
     Parameters
     ----------
     image : Image
     region : Region
     star : Star
-        Give contrast and sign of the edge.
+        Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
 
     Returns
     -------
     places : ndarray, shape (n, 3)
-        RAS mm, without those at the border of the volume.
+        Of the voxels, RAS mm.
     strengths : ndarray, shape (n,)
         From 0 to 1.
     """
     voxels = boundary_voxels(region.mask)
-    voxels = voxels[:: -(-len(voxels) // MOST_PLACES)]
+    voxels = voxels[:: -(-len(voxels) // MOST_VOXELS)]
     start = np.asarray(region.offset)
     edges = EdgeStrengths(image, star, start, start + region.mask.shape)
     places, strengths = edges.at(region.mask, voxels, start)
-    seen = np.isfinite(strengths)
-    return places[seen], strengths[seen]
+    inside = np.isfinite(strengths)
+    return places[inside], strengths[inside]
 
 
 def area_without_edge(image: Image, region: Region, star: Star) -> float:
-    """Area of a region's boundary along which the image shows no edge, where the region's volume is 1.
+    """Area of a region's boundary without an edge, relative to its volume to the power of 2/3.
 
     Parameters
     ----------
-    image : Image
-    region : Region
-    star : Star
-        Give contrast and sign of the edge.
+    image, region, star
+        As for :func:`edge_strengths`.
 
     Returns
     -------
     float
-        A region of any size has the same: a ball with no edge at all has 7.3, since faces of voxels are counted.
+        The mean of 1 minus the edge strength, times the area of the voxels' faces. It does not depend on the region's
+        size: it is 7.3 for a ball without any edge.
     """
     mask, spacing = np.pad(region.mask, 1).astype(np.int8), region.spacing[::-1]
     faces = [np.count_nonzero(np.diff(mask, axis=axis)) / spacing[axis] for axis in range(3)]
@@ -153,7 +152,7 @@ def agreement(first: Region, second: Region) -> float:
 
 
 def _normals(mask: np.ndarray, voxels: np.ndarray, image: Image) -> np.ndarray:
-    """Outward normals at voxels of a mask's boundary: away from the middle of its voxels around, (n, 3) RAS."""
+    """Outward unit normals at voxels of a mask's boundary: away from the mask's voxels nearby, (n, 3) RAS."""
     reach = np.maximum(np.floor(_AROUND_MM / image.spacing), 1).astype(int)
     offsets = np.stack(np.meshgrid(*(np.arange(-n, n + 1) for n in reach), indexing="ij"), axis=-1).reshape(-1, 3)
     steps = offsets @ image.ijk_to_ras[:3, :3].T

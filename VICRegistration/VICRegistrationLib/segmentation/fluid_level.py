@@ -1,6 +1,6 @@
-"""The level between two fluids in an organ: in a patient who lies, that of sediment, blood or contrast agent in urine.
+"""The level between two fluids in an organ of a lying patient: that of sediment, blood or contrast agent in urine.
 
-It is a sharp edge within the organ, where a search for edges ends. It differs from a wall: it is a plane, it is
+A level is a sharp edge in the organ, at which both ways of separation end. It differs from a wall: it is flat and
 horizontal, and the image is as even behind it as before it.
 """
 
@@ -19,27 +19,31 @@ from ..imaging.sampling import Sampler
 from .edge_support import edge_strengths
 from .star_surface import Star
 
-# The boundary is flat where it is within this distance of a plane; columns are looked at so far apart, mm, and so many
-# at most choose the plane, by slopes of which the steepest are beyond the largest tilt.
+# The boundary is flat where it is within this distance of a plane, mm. It is sampled by columns with this spacing, mm,
+# of which so many at most choose the plane among planes with these slopes (up to 7.5 degrees, more than the largest
+# tilt).
 _WITHIN_MM, _COLUMN_MM, _MOST_COLUMNS = 1.0, 1.0, 2000
 _SLOPES = np.tan(np.radians(np.arange(-7.5, 8.0, 1.5)))
+# Rounds in which a plane is fitted again to the points near it.
 _ROUNDS = 4
-# Nearer to the rim of the flat part, a wall beside the level is seen, mm.
+# Columns nearer than this to the rim of the flat part are left out, mm: they may show the wall beside the level.
 _RIM_MM = 2.0
-# Grey levels are looked at so far before and behind the level, in mm or, where these are longer, voxels. A region may
-# end so far beside the level, and across half the width of an edge it is looked for in every column.
+# Depths at which grey levels are sampled along each column, negative before the level and positive behind it, in mm or,
+# if these are longer, voxels. Then the depths at which the levels before, behind and farther behind are measured; those
+# in which a region may end beside the level; and those in which the level is located in each column.
 _DEPTHS = np.arange(-8.0, 8.1, 0.5)
 _BEFORE, _BEHIND, _FARTHER = (np.abs(_DEPTHS - middle) <= 1.0 for middle in (-3.0, 3.0, 5.0))
 _BESIDE, _EDGE = np.abs(_DEPTHS) <= 5.0, np.abs(_DEPTHS) <= 2.0
-# They are averaged over this width along the level: noise goes, and a wall's unevenness stays.
+# The grey levels are averaged over this width along the level. This removes noise, but not the unevenness of a wall.
 _AVERAGED_MM = 5.0
-# Smallest area, cm2, largest tilt, degrees, and departure from a plane, mm; and largest change of the grey level behind
-# it, in units of the step, under this share of the level: elsewhere the layer is not as deep. Of 91 bladders with a
-# layer painted in, as deep as 0.12 to 0.35 of the lumen, tilted by up to 5 degrees and blurred by up to 2 mm, 52 end at
-# a level by these, and none of 112 without one; with half or twice of any one of the four, 37 to 54, and none. With
-# half or twice of the flatness, the columns, the rim, the averaging or the share, 32 to 52, and none.
+# Conditions for a level: smallest area, cm2, largest tilt, degrees, largest departure from a plane, mm, and largest
+# change of the grey level behind it, in units of the step at the level. The last one must hold under this share of the
+# level: elsewhere the layer may be too shallow. Of 91 bladders with a layer painted in, as deep as 0.12 to 0.35 of the
+# lumen, tilted by up to 5 degrees and blurred by up to 2 mm, 52 end at a level by these, and none of 112 without one;
+# with half or twice of any one of the four, 37 to 54, and none. With half or twice of the flatness, the columns, the
+# rim, the averaging or the share, 32 to 52, and none.
 _AREA_CM2, _TILT, _UNEVEN_MM, _CHANGE, _DEEPEST = 4.0, 5.0, 0.2, 0.1, 0.25
-# A layer is as deep as this, mm, under this share of the level: a wall is thinner.
+# A region continues behind the level if it is at least this deep, mm, under this share of the level. A wall is thinner.
 _DEEP_MM, _CONTINUED = 4.0, 0.5
 
 
@@ -54,27 +58,27 @@ class FluidLevel:
     sign : float
         1 if the layer lies anterior of the level, -1 if posterior.
     places : ndarray, shape (n, 3)
-        Places of the level that are farther from the wall than its rim, RAS mm.
+        Points of the level, without those near the wall, RAS mm.
     area_cm2 : float
-        Area of these.
-    heights, levels : ndarray, shape (m,)
-        Typical grey levels at distances from the level, mm, positive in the layer.
+        Area of the level, without its rim.
+    depths, levels : ndarray, shape (m,)
+        Median grey levels at distances from the plane, mm, positive in the layer.
     """
 
     plane: np.ndarray
     sign: float
     places: np.ndarray
     area_cm2: float
-    heights: np.ndarray
+    depths: np.ndarray
     levels: np.ndarray
 
     @property
     def side(self) -> str:
-        """Side of the patient at which the layer lies."""
+        """Side of the patient at which the layer lies: "anterior" or "posterior"."""
         return patient_side(np.array([0.0, self.sign, 0.0]))
 
     def removed_from(self, image: Image) -> Image:
-        """Make the layer as bright as what it borders on: a constant is added to all that lies behind the level.
+        """Remove the contrast at the level: add a constant to all voxels behind it, so that both fluids are as bright.
 
         Parameters
         ----------
@@ -84,32 +88,35 @@ class FluidLevel:
         -------
         Image
         """
-        heights = self._heights_of(image)
+        depths = self._depths_of(image)
         added = np.where(_EDGE, self.levels[_BEFORE].mean() - self.levels, 0.0)
         added[_DEPTHS > 2.0] = self.levels[_BEFORE].mean() - self.levels[_BEHIND].mean()
-        array = image.array + np.where(heights > 0.0, added[-1], 0.0)
-        near = np.abs(heights) < self.heights[_EDGE][-1]
-        array[near] = image.array[near] + np.interp(heights[near], self.heights, added)
+        array = image.array + np.where(depths > 0.0, added[-1], 0.0)
+        near = np.abs(depths) < self.depths[_EDGE][-1]
+        array[near] = image.array[near] + np.interp(depths[near], self.depths, added)
         return Image(array, image.ijk_to_ras)
 
     def joined(self, image: Image, region: Region, further: Region) -> Region:
-        """Join a region before the level with another one behind it, and with what that has beside the level.
+        """Join the part of a region before the level with a further region behind it.
 
         Parameters
         ----------
         image : Image
-            On whose grid both lie.
-        region, further : Region
+            Both regions are on its grid.
+        region : Region
+            Used before the level.
+        further : Region
+            Used behind the level, and up to 8 mm before it, where the first region may end.
 
         Returns
         -------
         Region
-            With threshold and erosion of the first one.
+            The largest piece, with threshold and erosion of the first region.
         """
         mask = np.zeros(image.array.shape, dtype=bool)
         for part in (region, further):
-            heights = self._heights_of(part.image)
-            used = heights < 0.0 if part is region else heights > self.heights[0]
+            depths = self._depths_of(part.image)
+            used = depths < 0.0 if part is region else depths > self.depths[0]
             mask[tuple(slice(first, first + size) for first, size in zip(part.offset, part.mask.shape))] |= (
                 part.mask & used
             )
@@ -118,11 +125,11 @@ class FluidLevel:
 
     def layer_ml(self, region: Region) -> float:
         """Volume of the part of a region behind the level, ml."""
-        behind = region.mask & (self._heights_of(region.image) > 0.0)
+        behind = region.mask & (self._depths_of(region.image) > 0.0)
         return float(np.count_nonzero(behind)) * region.image.voxel_volume / 1000.0
 
     def is_passed_by(self, region: Region) -> bool:
-        """Whether a region goes on behind the level, by more than a wall is thick."""
+        """Whether a region continues behind the level by more than the thickness of a wall."""
         deeper = self.places + np.array([0.0, self.sign * _DEEP_MM, 0.0])
         voxels = np.rint(region.image.to_ijk(deeper)[:, ::-1]).astype(int)
         within = voxels[np.all((voxels >= 0) & (voxels < region.mask.shape), axis=1)]
@@ -134,8 +141,8 @@ class FluidLevel:
         behind = self.sign * _over(places, self.plane) > _DEEP_MM
         return float(strengths[behind].mean()) if behind.any() else 0.0
 
-    def _heights_of(self, image: Image) -> np.ndarray:
-        """Heights of an image's voxels, mm."""
+    def _depths_of(self, image: Image) -> np.ndarray:
+        """How far behind the level an image's voxels lie, in the anterior-posterior direction, mm."""
         k, j, i = np.ogrid[tuple(map(slice, image.array.shape))]
         weights = self.sign * np.array([-self.plane[0], 1.0, -self.plane[1]]) @ image.ijk_to_ras[:3]
         return weights[0] * i + weights[1] * j + weights[2] * k + (weights[3] - self.sign * self.plane[2])
@@ -153,33 +160,34 @@ def find_fluid_level(image: Image, region: Region) -> FluidLevel | None:
     Returns
     -------
     FluidLevel or None
-        None where the boundary is no such level.
+        None if there is no level at either side.
     """
     found = (_level_at(image, region, sign) for sign in (-1.0, 1.0))
     return next((level for level in found if level is not None), None)
 
 
 def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
-    """Find a level at one side."""
+    """Find a level at the front of a region, or at its back if the sign is negative."""
     columns = _Columns.of(region, sign)
     plane = columns.plane()
     core = columns.core(plane)
     area = float(np.count_nonzero(core) * np.prod(columns.sizes)) / 100.0
     if area < _AREA_CM2:
         return None
-    places, levels = columns.look(image, plane, core)
+    places, levels = columns.sampled(image, plane, core)
     if len(levels):
+        # The region may end a little before or behind the level.
         plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
-        places, levels = columns.look(image, plane, core)
+        places, levels = columns.sampled(image, plane, core)
     if not len(levels):
-        # The volume ends there.
+        # The region ends at the border of the volume.
         return None
-    heights, crossed = _crossings(levels)
+    depths, crossed = _crossings(levels)
     if not crossed.any():
         return None
-    crossings = places[crossed] + np.array([0.0, sign * columns.unit, 0.0]) * heights[crossed, None]
+    crossings = places[crossed] + np.array([0.0, sign * columns.unit, 0.0]) * depths[crossed, None]
     plane, uneven = _through(crossings)
-    places, levels = columns.look(image, plane, core)
+    places, levels = columns.sampled(image, plane, core)
     if uneven > _UNEVEN_MM or np.degrees(np.arctan(np.hypot(*plane[:2]))) > _TILT or not len(levels):
         return None
     before, behind, farther = (levels[:, part].mean(axis=1) for part in (_BEFORE, _BEHIND, _FARTHER))
@@ -191,21 +199,21 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    """Where a region ends along columns of voxels towards one side.
+    """Ends of a region along columns of voxels towards the front, or towards the back if `sign` is negative.
 
-    `ends`, (p, q, 3), are RAS mm; `met`, (p, q), is true where a column meets the region. `sizes`, (2,), are the
-    distances between columns, and `unit` that in which depths are given, mm.
+    `ends`, (p, q, 3), are the last points of the region along the columns, RAS mm; `crossed`, (p, q), is true where a
+    column crosses the region. `sizes`, (2,), are the distances between columns, and `unit` is the unit of depths, mm.
     """
 
     ends: np.ndarray
-    met: np.ndarray
+    crossed: np.ndarray
     sizes: np.ndarray
     sign: float
     unit: float
 
     @classmethod
     def of(cls, region: Region, sign: float) -> _Columns:
-        """Columns of a region towards the front, or the back where `sign` is negative."""
+        """Columns through a region along the axis of the grid that is nearest to the anterior-posterior direction."""
         along = region.ijk_to_ras[1, :3] / region.spacing
         axis = int(np.argmax(np.abs(along)))
         spacing = np.delete(region.spacing[::-1], 2 - axis)
@@ -221,9 +229,9 @@ class _Columns:
         return cls(ends, mask.any(axis=0), strides * spacing, sign, max(1.0, float(region.spacing[axis])))
 
     def plane(self) -> np.ndarray:
-        """Plane at which most columns end."""
-        middle = self.ends[self.met].mean(axis=0)
-        ends = self.ends[self.met] - middle
+        """Plane near which most columns end."""
+        middle = self.ends[self.crossed].mean(axis=0)
+        ends = self.ends[self.crossed] - middle
         few = ends[:: -(-len(ends) // _MOST_COLUMNS)]
         _, plane = max((_most(few, slopes) for slopes in itertools.product(_SLOPES, repeat=2)), key=lambda one: one[0])
         for _ in range(_ROUNDS):
@@ -231,32 +239,35 @@ class _Columns:
         return plane + np.array([0.0, 0.0, middle[1] - plane[:2] @ middle[::2]])
 
     def core(self, plane: np.ndarray) -> np.ndarray:
-        """Columns (p, q) of the largest part that ends at a plane, without its rim."""
-        largest = largest_piece(self.met & (np.abs(_over(self.ends, plane)) < _WITHIN_MM))
+        """Largest connected part, without its rim, of the columns that end near a plane, (p, q) of bool."""
+        largest = largest_piece(self.crossed & (np.abs(_over(self.ends, plane)) < _WITHIN_MM))
         return ndimage.distance_transform_edt(np.pad(largest, 1), sampling=self.sizes)[1:-1, 1:-1] > _RIM_MM
 
-    def look(self, image: Image, plane: np.ndarray, core: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n, 3) of a plane, and the grey levels (n, m) around them, averaged; those in the volume alone."""
+    def sampled(self, image: Image, plane: np.ndarray, core: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) of a plane in the columns of a core, RAS mm, and averaged grey levels (n, m) at all depths.
+
+        Columns that leave the volume are left out.
+        """
         places = self.ends[core].copy()
         places[:, 1] -= _over(places, plane)
         points = places[:, None] + self.sign * self.unit * _DEPTHS[:, None] * np.array([0.0, 1.0, 0.0])
         levels, valid = Sampler(image).values(points)
-        seen = valid.all(axis=1)
+        inside = valid.all(axis=1)
         width = np.maximum(np.rint(_AVERAGED_MM / self.sizes).astype(int), 1)
         weights, sums = np.zeros(core.shape), np.zeros((*core.shape, len(_DEPTHS)))
-        weights[core], sums[core] = seen, levels * seen[:, None]
-        weights = ndimage.uniform_filter(weights, width, mode="constant")[core][seen]
-        sums = ndimage.uniform_filter(sums, (*width, 1), mode="constant")[core][seen]
-        return places[seen], sums / weights[:, None]
+        weights[core], sums[core] = inside, levels * inside[:, None]
+        weights = ndimage.uniform_filter(weights, width, mode="constant")[core][inside]
+        sums = ndimage.uniform_filter(sums, (*width, 1), mode="constant")[core][inside]
+        return places[inside], sums / weights[:, None]
 
 
 def _over(points: np.ndarray, plane: np.ndarray) -> np.ndarray:
-    """How far points (..., 3) lie anterior of a plane, mm."""
+    """Distance of points (..., 3) from a plane in the anterior direction, mm."""
     return points[..., 1] - points[..., ::2] @ plane[:2] - plane[2]
 
 
 def _most(ends: np.ndarray, slopes: tuple[float, float]) -> tuple[int, np.ndarray]:
-    """How many of the ends (n, 3) are near the best plane of some slopes, and that plane."""
+    """Plane with given slopes that has most of the ends (n, 3) near it: the number of these, and the plane."""
     over = np.sort(_over(ends, np.array([*slopes, 0.0])))
     counts = np.searchsorted(over, over + 2.0 * _WITHIN_MM) - np.arange(len(over))
     first = int(counts.argmax())
@@ -264,12 +275,12 @@ def _most(ends: np.ndarray, slopes: tuple[float, float]) -> tuple[int, np.ndarra
 
 
 def _least_squares(points: np.ndarray) -> np.ndarray:
-    """Plane through points (n, 3)."""
+    """Plane of least squares through points (n, 3)."""
     return np.linalg.lstsq(np.column_stack([points[:, ::2], np.ones(len(points))]), points[:, 1], rcond=None)[0]
 
 
 def _through(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Plane through most of the points (n, 3), and how far they typically lie beside it, mm."""
+    """Robust plane through points (n, 3), and their scaled median distance from it, mm."""
     plane = _least_squares(points)
     for _ in range(_ROUNDS):
         beside = np.abs(_over(points, plane))
@@ -278,14 +289,13 @@ def _through(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _steepest(levels: np.ndarray) -> float:
-    """At which depth the typical one of levels (n, m) changes most."""
-    typical = np.median(levels, axis=0)
-    change = np.abs(np.gradient(typical)) * _BESIDE
+    """Depth at which the median of levels (n, m) over the columns changes most."""
+    change = np.abs(np.gradient(np.median(levels, axis=0))) * _BESIDE
     return float(_DEPTHS[change.argmax()])
 
 
 def _crossings(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depths (n,) at which levels (n, m) are half-way between those before and behind, and where there is one."""
+    """Depths (n,) at which levels (n, m) are half-way between those before and behind, and whether there is one."""
     if not len(levels):
         return np.zeros(0), np.zeros(0, dtype=bool)
     before, behind = levels[:, _BEFORE].mean(axis=1), levels[:, _BEHIND].mean(axis=1)

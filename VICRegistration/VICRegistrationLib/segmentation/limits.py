@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..imaging.boxes import ball_radius
 from ..imaging.image import Image
+from ..imaging.moments import ball_radius
 from .ray_edges import Edges
 from .threshold import FEWEST_ON_SIDE, threshold_between
 

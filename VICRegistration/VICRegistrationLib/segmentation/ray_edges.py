@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .seeds import checked_seeds, voxels_of
+from .sphere import sphere
 
 # The level around a seed is measured in the voxels within this distance.
 _BALL_MM = 3.0
@@ -254,9 +254,8 @@ def joined(first: Edges, second: Edges, chosen: np.ndarray) -> Edges:
 
 
 def _directions(image):
-    """Return unit vectors along small whole-number directions of the grid's axes, RAS, (n, 3)."""
-    whole = np.array([v for v in itertools.product(range(-3, 4), repeat=3) if np.gcd.reduce(v) == 1], dtype=float)
-    directions = whole @ (image.ijk_to_ras[:3, :3] / image.spacing).T
+    """Directions of a sphere in the frame of the grid's axes, unit vectors, RAS, (n, 3)."""
+    directions = sphere().directions @ (image.ijk_to_ras[:3, :3] / image.spacing).T
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ..imaging.boxes import ball_box, ball_radius
+from ..imaging.boxes import ball_box
+from ..imaging.moments import ball_radius
 from .checks import refuse_seed
 from .limits import Limits
 from .ray_edges import find_edges, joined

@@ -1,4 +1,4 @@
-"""Pieces by which two regions of one organ differ: the edges around a piece decide whether it belongs to the organ."""
+"""Pieces by which two regions of one organ differ; the edges around each piece decide whether the organ contains it."""
 
 from __future__ import annotations
 
@@ -11,37 +11,40 @@ from scipy import ndimage
 from ..imaging.image import Image
 from ..imaging.morphology import dilate, erode, largest_piece
 from ..imaging.region import Region, region_from_crop
-from .edge_support import MOST_PLACES, EdgeStrengths, margin_of
+from .edge_support import MOST_VOXELS, EdgeStrengths, margin_of
 from .star_surface import Star
 
-# Pieces are cut from what differs by an opening with a ball of this radius, mm. In 33 regions of bladders, most of them
-# changed, the mean distance from the experts' surface is 0.88 mm without any pieces, 0.81 with 0.5, 0.80 with no
-# opening, but one region is worse then; with 1 and 2 mm tumours are left in the lumen in part.
+# Pieces are the connected components of the difference after an opening with a ball of this radius, mm. In 33 regions
+# of bladders, most of them changed, the mean distance from the experts' surface is 0.88 mm without any pieces, 0.81
+# with 0.5, 0.80 with no opening, but one region is worse then; with 1 and 2 mm tumours are left in the lumen in part.
 _RADIUS_MM = 0.5
-# Smaller pieces, ml, are left as they are; half and twice of it change single regions by 0.02 mm. Where the piece is
-# more than this share of the region, one of the two regions has missed a part or has leaked, and whole regions are
-# compared. Pieces that were decided right are up to 0.006 of the region, those that were decided wrong 0.15 and more.
+# Pieces smaller than this, ml, change nothing; half and twice of it change single regions by 0.02 mm. Neither do pieces
+# larger than this share of the region: one of the regions then lacks a part of the organ or has leaked, which the
+# comparison of whole regions decides. Pieces that were decided right are up to 0.006 of the region, those that were
+# decided wrong 0.15 and more.
 _LEAST_ML, _MOST_SHARE = 0.1, 0.03
 
 
 def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill: bool = True) -> Region:
-    """Add to a region, or take away from it, the pieces by which another one differs and that the edges support.
+    """Add pieces of another region to a region, and remove pieces that the other lacks, if the edges support it.
+
+    A piece is added, or removed, if this leaves less area of the boundary without an edge.
 
     Parameters
     ----------
     image : Image
-        On whose grid both lie.
+        Both regions are on its grid.
     region, other : Region
     star : Star
-        Give contrast and sign of the edge.
+        Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
     fill : bool
         Fill cavities.
 
     Returns
     -------
     Region
-        With threshold, erosion and diagnostics of the first one. A piece is added, or taken away, where this leaves
-        less area of the boundary without an edge.
+        The largest piece of the changed region, with threshold, erosion and diagnostics of the first one, or the first
+        region itself if no piece changed.
     """
     start = np.minimum(region.offset, other.offset)
     stop = np.maximum(*(np.asarray(part.offset) + part.mask.shape for part in (region, other)))
@@ -52,8 +55,8 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
         before = mask[box]
         after = before ^ piece
         corner = start + [side.start for side in box]
-        with_it, without = (_area_without_edge(edges, image, one, piece, corner) for one in (after, before))
-        if with_it < without:
+        changed_area, area = (_area_without_edge(edges, image, one, piece, corner) for one in (after, before))
+        if changed_area < area:
             mask[box] = after
             changed = True
     if not changed:
@@ -65,7 +68,7 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
 
 
 def _in_box(region: Region, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Mask of a region in a box of the image's voxels that holds it."""
+    """Mask of a region in a box of the image's voxels that contains it."""
     mask = np.zeros(stop - start, dtype=bool)
     first = region.offset - start
     mask[tuple(map(slice, first, first + region.mask.shape))] = region.mask
@@ -73,7 +76,7 @@ def _in_box(region: Region, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
 
 
 def _pieces(mask: np.ndarray, second: np.ndarray, image: Image) -> Iterator[tuple[tuple[slice, ...], np.ndarray]]:
-    """Box and voxels of each piece by which a second mask differs: what it adds, then what it lacks."""
+    """Box and mask of each piece by which a second mask differs: first those that it adds, then those that it lacks."""
     steps = image.ijk_to_ras[:3, :3]
     margin = margin_of(image)
     most = _MOST_SHARE * np.count_nonzero(mask) * image.voxel_volume / 1000.0
@@ -93,7 +96,10 @@ def _pieces(mask: np.ndarray, second: np.ndarray, image: Image) -> Iterator[tupl
 def _area_without_edge(
     edges: EdgeStrengths, image: Image, mask: np.ndarray, piece: np.ndarray, corner: np.ndarray
 ) -> float:
-    """Area of a mask's boundary at a piece, mm^2, along which the image shows no edge."""
+    """Area of a mask's boundary at the faces of a piece where the image shows no edge, mm^2.
+
+    The boundary at the border of the volume counts as one without an edge.
+    """
     faces = image.voxel_volume / image.spacing[::-1]
     areas = np.zeros(mask.shape)
     for axis, face in enumerate(faces):
@@ -103,7 +109,7 @@ def _area_without_edge(
     voxels = np.argwhere(areas)
     if not len(voxels):
         return 0.0
-    some = voxels[:: -(-len(voxels) // MOST_PLACES)]
+    some = voxels[:: -(-len(voxels) // MOST_VOXELS)]
     weights = areas[tuple(some.T)]
     missing = 1.0 - np.nan_to_num(edges.at(mask, some, corner)[1])
     return float(areas.sum() * (missing @ weights) / weights.sum())

@@ -8,11 +8,30 @@ import numpy as np
 
 from ..imaging.image import Image
 
+# Added to a point before it is rounded to a voxel, R, A, S: a point half-way between two voxels then goes to the same
+# one whichever way the axes of the grid run.
 _NUDGE_MM = 1e-6 * np.array([1.0, 1.7, 2.9])
 
 
 def checked_seeds(image: Image, seeds) -> np.ndarray:
-    """Bring seeds to shape (n, 3), RAS mm, and refuse those that are not points of the volume."""
+    """Check seeds and bring them to shape (n, 3).
+
+    Parameters
+    ----------
+    image : Image
+    seeds : array_like, shape (n, 3) or (3,)
+        RAS mm.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        RAS mm.
+
+    Raises
+    ------
+    ValueError
+        If a seed is not a point of the volume, or there is none.
+    """
     try:
         points = np.atleast_2d(np.asarray(seeds, dtype=float))
     except (TypeError, ValueError):
@@ -25,7 +44,7 @@ def checked_seeds(image: Image, seeds) -> np.ndarray:
         raise ValueError(msg)
     with np.errstate(over="ignore", invalid="ignore"):
         index = image.to_ijk(points)
-    # Not the other way round: a point so far away that its index overflows has no order.
+    # Negated, so that it is also true for NaN: the index of a very distant point overflows.
     outside = ~((index >= -0.5) & (index <= image.size - 0.5)).all(axis=1)
     if outside.any():
         corners = image.to_ras(list(itertools.product(*([-0.5, n - 0.5] for n in image.size))))
@@ -39,10 +58,9 @@ def checked_seeds(image: Image, seeds) -> np.ndarray:
 
 
 def voxels_of(image: Image, points) -> np.ndarray:
-    """Voxels (k, j, i) that hold RAS points of the volume, shape (n, 3).
+    """Voxels (k, j, i) at points of the volume, (n, 3), RAS mm.
 
-    A point between two voxels goes to the one on its right, anterior or superior side, whichever way the axes
-    of the grid run.
+    A point half-way between two voxels goes to the one on its right, anterior or superior side.
     """
     index = image.to_ijk(np.asarray(points) + _NUDGE_MM)
     return np.rint(index[:, ::-1]).astype(int).clip(0, np.array(image.array.shape) - 1)
