@@ -244,10 +244,15 @@ def test_a_catheter_and_gas_inside_belong_to_the_organ(ball):
     assert dice(region, truth) > 0.97
 
 
-def test_noise_alone_holds_no_organ():
-    image = image_of(np.full((2 * HALF + 1,) * 3, 100.0), noise=8.0)
-    with pytest.raises(ValueError, match="No edge of an organ|fills most of the volume"):
-        separate(image, [12.0, -9.0, 5.0])
+def test_a_blob_of_smoothed_noise_is_no_organ():
+    """Its boundary has an edge all around, but its contrast is no larger than that of noise."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((32, 32, 32)), 0.7)
+    matrix = np.eye(4)
+    matrix[:3, 3] = -16.0
+    image = Image(noise, matrix)
+    assert edge_support(image, *shaped_region(image, np.zeros(3))) > 0.8
+    with pytest.raises(ValueError, match="No edge of an organ"):
+        separate(image, [0.0, 0.0, 0.0])
 
 
 def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball):
