@@ -82,7 +82,8 @@ def draw_stacks(path: Path) -> None:
 
 def page_parts(browser: str, page: Path, picture: Path) -> Image.Image:
     """Parts of a page as a browser shows it, side by side."""
-    size = f"--window-size={PAGE_WIDTH},{PARTS[-1] + PART_HEIGHT}"
+    # Newer versions of Chromium show less of the page than the window is high.
+    size = f"--window-size={PAGE_WIDTH},{PARTS[-1] + PART_HEIGHT + 200}"
     how = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", size, f"--screenshot={picture}"]
     subprocess.run([browser, *how, page.as_uri()], check=True, capture_output=True)
     whole, gap = Image.open(picture).convert("RGB"), 12
