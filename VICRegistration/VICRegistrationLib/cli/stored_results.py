@@ -96,7 +96,7 @@ class StoredResults:
             raise ValueError(msg)
 
     def check_names(self, names: Iterable[str]) -> None:
-        """Refuse a name that differs from one in the folder only in upper and lower case.
+        """Refuse a name that differs from one in the folder only in case or in the encoding of accents.
 
         Parameters
         ----------
