@@ -33,6 +33,15 @@ def test_a_thin_part_that_the_surface_leaves_out_is_told_with_its_side(small_ima
     assert told.values["side"] == border_sides(image, replace(found.region, touches_border=("k+",)))[0]
     # A larger net leaves thin parts out as well.
     assert "place points on the wall" in told.sentence()
+    # A region that further stacks have completed counts in place of the one that was cut.
+    assert fit_diagnostics(image, replace(found, whole_region=longer.region)) == [told]
+
+
+def test_a_surface_that_reaches_beyond_its_region_leaves_nothing_out(small_image, small_fit):
+    mask = small_fit.region.mask.copy()
+    # Without the last 6 mm of the organ in one direction.
+    mask[:, np.flatnonzero(mask.any(axis=(0, 2)))[-5:]] = False
+    assert fit_diagnostics(small_image, replace(small_fit, region=replace(small_fit.region, mask=mask))) == []
 
 
 def test_a_boundary_point_where_the_image_shows_no_edge_is_told(small_image, small_fit):
