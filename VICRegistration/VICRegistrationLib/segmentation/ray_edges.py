@@ -37,7 +37,7 @@ _STEP_SHARE, _STEP_NOISE = 0.35, 4.0
 # The contrast is the range of the levels within this distance, without this share of the darkest and of the brightest;
 # they are sampled at this spacing. Within less than 60 mm a full bladder may leave no room for what surrounds it; with
 # 60 to 240 mm all seven are found.
-_SURROUNDINGS_MM, _EXTREME, _RAY_STEP_MM = 90.0, 0.1, 1.5
+_SURROUNDINGS_MM, _EXTREME, _RAY_STEP_MM = 120.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)
