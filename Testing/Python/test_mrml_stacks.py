@@ -330,6 +330,18 @@ def test_clones_of_stacks_show_their_contours_and_clones_of_contours_are_seen(lo
     assert slicer.util.getNodesByClass("vtkMRMLModelNode") == [copy]
 
 
+def test_contours_are_hidden_when_their_surface_is_deleted(logic, stacks, scene):
+    from VICRegistrationLib.mrml.stack_contours import chooseViews
+
+    red, _ = add_view(scene, "Red", stacks["AX"])
+    organ = fit(logic, stacks, stacks["AX"])
+    (contour,) = organ.contours()
+    assert seen_in(contour, red)
+    scene.RemoveNode(organ.surface)
+    chooseViews()
+    assert not seen_in(contour, red)
+
+
 def test_contours_are_renamed_painted_hidden_and_removed_with_their_organ(logic, stacks, scene):
     from VICRegistrationLib.mrml.organ_nodes import paint, setVisible
 

@@ -114,11 +114,12 @@ def _moved(surfaceData, matrix):
 
 
 def _contours():
-    """Contours of the scene. A copy that Slicer has made of one refers to no surface: it is the user's own model."""
+    """Contours of the scene. A copy that Slicer has made of one has no references: it is the user's own model."""
     found = []
     for node in slicer.util.getNodesByClass("vtkMRMLModelNode"):
-        isContour = node.GetAttribute(TYPE_ATTRIBUTE) == _CONTOUR and node.GetNodeReferenceID(_SURFACE) is not None
-        if isContour and node.GetDisplayNode() is not None:
+        # One of both is left when the surface or the stack is deleted.
+        isOwn = any(node.GetNodeReferenceID(role) is not None for role in (_STACK, _SURFACE))
+        if isOwn and node.GetAttribute(TYPE_ATTRIBUTE) == _CONTOUR and node.GetDisplayNode() is not None:
             found.append(node)
     return found
 
