@@ -342,6 +342,17 @@ def test_contours_are_hidden_when_their_surface_is_deleted(logic, stacks, scene)
     assert not seen_in(contour, red)
 
 
+def test_contours_of_a_deleted_stack_are_hidden_in_views_of_other_volumes(logic, stacks, scene):
+    from VICRegistrationLib.mrml.stack_contours import chooseViews
+
+    red, composite = add_view(scene, "Red", stacks["AX"])
+    (contour,) = fit(logic, stacks, stacks["AX"]).contours()
+    composite.SetBackgroundVolumeID(scene.AddNewNodeByClass("vtkMRMLScalarVolumeNode").GetID())
+    scene.RemoveNode(stacks["AX"])
+    chooseViews()
+    assert not seen_in(contour, red)
+
+
 def test_contours_are_renamed_painted_hidden_and_removed_with_their_organ(logic, stacks, scene):
     from VICRegistrationLib.mrml.organ_nodes import paint, setVisible
 

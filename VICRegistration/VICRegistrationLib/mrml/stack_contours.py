@@ -130,6 +130,8 @@ def _viewsByStack(surface, contours, views):
     found = {}
     for volume, ids in views.items():
         found.setdefault(withSameGrid(volume, [node for node in volumes if node is not None]), []).extend(ids)
+    # Views of other volumes: not those of a contour whose stack was deleted.
+    found.pop(None, None)
     return found
 
 
