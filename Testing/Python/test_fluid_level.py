@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from region_voxels import mask_in_place
 from scipy import ndimage
 
 from VICRegistrationLib.imaging.image import Image
@@ -75,7 +74,7 @@ def test_a_region_is_continued_behind_a_level_alone():
     before = before_the_level(image, ndimage.binary_erosion(inside), behind)
     further = region_from_mask(image, ndimage.binary_dilation(inside))
     whole = find_fluid_level(image, before).joined(image, before, further)
-    found = mask_in_place(whole, inside.shape)
+    found = whole.in_box((0, 0, 0), inside.shape)
     np.testing.assert_array_equal(found[behind < -9.0], ndimage.binary_erosion(inside)[behind < -9.0])
     np.testing.assert_array_equal(found[behind > 1.0], ndimage.binary_dilation(inside)[behind > 1.0])
 
@@ -128,7 +127,7 @@ def test_an_organ_is_separated_with_its_layer(separated):
 def test_a_click_into_the_layer_finds_the_whole_organ():
     image, inside, _ = ball(depth=5.0)
     region = separate(image, [0.0, -10.0, 0.0])
-    assert np.count_nonzero(mask_in_place(region, inside.shape) & inside) > 0.99 * np.count_nonzero(inside)
+    assert np.count_nonzero(region.in_box((0, 0, 0), inside.shape) & inside) > 0.99 * np.count_nonzero(inside)
     # The dim layer lowers the limits all around: less than half a voxel more is taken.
     assert region.volume_ml < 1.07 * np.count_nonzero(inside) / 1000.0
 
@@ -139,8 +138,8 @@ def test_neither_offset_and_scale_of_the_grey_levels_nor_the_order_of_axes_chang
     again = separate(other, [0.0, 5.0, 0.0])
     (found,) = again.diagnostics
     assert (found.code, found.values["side"]) == ("layer_included", "posterior")
-    expected = mask_in_place(region, inside.shape).transpose([2, 0, 1])
-    np.testing.assert_array_equal(mask_in_place(again, inside.shape), expected)
+    expected = region.in_box((0, 0, 0), inside.shape).transpose([2, 0, 1])
+    np.testing.assert_array_equal(again.in_box((0, 0, 0), inside.shape), expected)
 
 
 def test_what_was_found_before_the_level_stays_a_diagnostic_and_is_no_leak(monkeypatch):

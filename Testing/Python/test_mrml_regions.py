@@ -8,7 +8,6 @@ import mrml_scenes
 import numpy as np
 import pytest
 from mrml_scenes import slicer
-from region_voxels import mask_in_place
 from reorientation import motion, reordered
 from small_phantom import CENTER
 
@@ -37,7 +36,7 @@ def test_the_segment_shows_the_voxels_of_the_region_on_every_grid(logic, separat
     organ = logic.addOrgan(volume, CENTER @ matrix[:3, :3].T + matrix[:3, 3])
     region, _warnings = separated(organ, volume)
     found = mrml_scenes.segment_voxels(organ, volume)
-    np.testing.assert_array_equal(found, mask_in_place(region, image.array.shape))
+    np.testing.assert_array_equal(found, region.in_box((0, 0, 0), image.array.shape))
     assert 4000 < found.sum() < 7000
 
 
@@ -54,7 +53,7 @@ def test_the_segment_lies_on_the_grid_of_the_volume_whatever_its_transform(logic
     organ = logic.addOrgan(volume, seed)
     expected = separate(mrml_scenes.mri(), CENTER)
     np.testing.assert_array_equal(
-        mrml_scenes.segment_voxels(organ, volume), mask_in_place(expected, mrml_scenes.mri().array.shape)
+        mrml_scenes.segment_voxels(organ, volume), expected.in_box((0, 0, 0), mrml_scenes.mri().array.shape)
     )
     # The segment editor paints on the reference geometry: the voxels of the volume, as seen from the segmentation.
     name = slicer.vtkSegmentationConverter.GetReferenceImageGeometryParameterName()
@@ -75,7 +74,7 @@ def test_a_changed_threshold_changes_the_segment_in_place(logic, separated):
         organ.setSeparation(threshold=thresholds)
         region, _warnings = separated(organ, volume)
         found = mrml_scenes.segment_voxels(organ, volume)
-        np.testing.assert_array_equal(found, mask_in_place(region, found.shape))
+        np.testing.assert_array_equal(found, region.in_box((0, 0, 0), found.shape))
         assert organ.volumeMl == pytest.approx(region.volume_ml)
     assert not np.array_equal(found, before)
     assert mrml_scenes.content(slicer.mrmlScene) == content
@@ -102,7 +101,7 @@ def test_overlapping_organs_keep_apart(logic, separated):
     assert overlap.any()
     for organ in (second, first, third, second):
         region, _warnings = separated(organ, volume)
-        expected = mask_in_place(region, image.array.shape)
+        expected = region.in_box((0, 0, 0), image.array.shape)
         np.testing.assert_array_equal(mrml_scenes.segment_voxels(organ, volume), expected)
     np.testing.assert_array_equal(mrml_scenes.segment_voxels(first, volume), alone)
 

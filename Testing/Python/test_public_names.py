@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from region_voxels import mask_in_place
 from small_phantom import CENTER, ellipsoid
 
 import VICRegistrationLib as vic
@@ -96,10 +95,10 @@ def test_what_is_no_surface_or_no_region_is_refused_by_a_sentence(fit):
 
 
 def test_a_label_may_be_a_path(image, fit, tmp_path):
-    mask = mask_in_place(fit.region, image.array.shape).astype(np.uint8)
+    mask = fit.region.in_box((0, 0, 0), image.array.shape).astype(np.uint8)
     write_image(vic.Image(mask, image.ijk_to_ras), tmp_path / "label.nii.gz")
     found = vic.region_from_label(image, tmp_path / "label.nii.gz")
-    np.testing.assert_array_equal(mask_in_place(found, mask.shape), mask)
+    np.testing.assert_array_equal(found.in_box((0, 0, 0), mask.shape), mask)
 
 
 @pytest.mark.parametrize(
@@ -188,7 +187,7 @@ def test_a_surface_is_compared_with_another_one_and_with_a_file(fit, tmp_path):
 
 def test_the_code_of_the_page_runs(image, fit, tmp_path, monkeypatch, capsys):
     page = "docs/python.md"
-    labels = mask_in_place(fit.region, image.array.shape).astype(np.uint8)
+    labels = fit.region.in_box((0, 0, 0), image.array.shape).astype(np.uint8)
     monkeypatch.chdir(tmp_path)
     write_image(image, "scan.nii.gz")
     write_image(vic.Image(labels, image.ijk_to_ras), "labels.nii.gz")

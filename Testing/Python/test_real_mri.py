@@ -14,10 +14,10 @@ from hippocampus import farthest_from_start, load_hippocampus
 from VICRegistrationLib.analysis.distances import deviation
 from VICRegistrationLib.analysis.reference_meshes import mesh_of_mask
 from VICRegistrationLib.imaging.reading import read_image
+from VICRegistrationLib.imaging.region import dice_coefficient
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
 from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.steps import finish
-from VICRegistrationLib.segmentation.edge_support import agreement
 from VICRegistrationLib.segmentation.separation import separate
 
 
@@ -146,7 +146,7 @@ def test_a_click_into_a_dark_part_finds_the_bladder(shared_data):
     # All small surfaces around this place cost less than the bladder's, seen from there.
     bladder = load_bladder("crop_IM0228", shared_data / "bladder_mri")
     region = separate(bladder.image, [-142.5, -67.0, -21.0])
-    assert agreement(region, bladder.lumen) > 0.94
+    assert dice_coefficient(region, bladder.lumen) > 0.94
 
 
 def test_a_rectum_in_thick_slices_is_separated_from_three_clicks(shared_data):

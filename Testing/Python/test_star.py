@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from region_voxels import mask_in_place
 from scipy import ndimage, sparse
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.imaging.region import region_from_mask
-from VICRegistrationLib.segmentation.edge_support import agreement, area_without_edge, edge_support
+from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
+from VICRegistrationLib.segmentation.edge_support import area_without_edge, edge_support
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.sphere import cheapest_radii, smoothed, sphere
 from VICRegistrationLib.segmentation.star_region import shaped_region, star_region
@@ -73,7 +72,7 @@ def minimum_cut(ball, costs, prices, most):
 
 
 def dice(region, truth):
-    mask = mask_in_place(region, truth.shape)
+    mask = region.in_box((0, 0, 0), truth.shape)
     return 2.0 * (mask & truth).sum() / (mask.sum() + truth.sum())
 
 
@@ -295,8 +294,8 @@ def test_the_right_boundary_has_more_support_than_a_fragment(ball):
     fragment = separate(image, [0.0, 0.0, 0.0], threshold=(149.0, 160.0), erosion=0.0)
     assert edge_support(image, whole, star) > 0.9
     assert edge_support(image, fragment, star) < 0.6
-    assert agreement(whole, whole) == 1.0
-    assert agreement(whole, fragment) < 0.9
+    assert dice_coefficient(whole, whole) == 1.0
+    assert dice_coefficient(whole, fragment) < 0.9
     assert dice(whole, truth) > 0.98
 
 

@@ -56,10 +56,8 @@ def other_seeds(bladder: Bladder, count: int) -> np.ndarray:
 
 def drawn_image(bladder: Bladder) -> Image:
     """Make an image of the lumen alone, as it was drawn: 1 in its voxels and 0 elsewhere."""
-    lumen = bladder.lumen
-    drawn = np.zeros(bladder.image.array.shape, dtype=np.float32)
-    drawn[tuple(slice(first, first + size) for first, size in zip(lumen.offset, lumen.mask.shape))] = lumen.mask
-    return Image(drawn, bladder.image.ijk_to_ras)
+    drawn = bladder.lumen.in_box((0, 0, 0), bladder.image.array.shape)
+    return Image(drawn.astype(np.float32), bladder.image.ijk_to_ras)
 
 
 def _without_gaps(label: np.ndarray) -> np.ndarray:

@@ -13,10 +13,10 @@ from surfaces import contour_in_world, smoothed_contour
 from VICRegistrationLib.analysis.comparison import distances_from
 from VICRegistrationLib.analysis.distances import Reference, points_on
 from VICRegistrationLib.analysis.reference_meshes import ReferenceMesh, closed_mesh
+from VICRegistrationLib.imaging.region import dice_coefficient
 from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.organ_fit import OrganFit
 from VICRegistrationLib.registration.steps import finish
-from VICRegistrationLib.segmentation.edge_support import agreement
 
 N_PLACES = 8
 N_POINTS = 4000
@@ -69,7 +69,7 @@ def started(bladder: Bladder, reference: Reference, seed: np.ndarray) -> Started
     corners, triangles, _ = contour_in_world(smoothed_contour(fit.region), fit.region)
     away, back = distances(reference, fit.surface)
     theirs = distances(reference, closed_mesh(ReferenceMesh(corners, triangles)))
-    sizes = float(away.mean()), float(np.quantile(away, 0.95)), agreement(bladder.lumen, fit.region)
+    sizes = float(away.mean()), float(np.quantile(away, 0.95)), dice_coefficient(bladder.lumen, fit.region)
     both = (float(np.concatenate(pair).mean()) for pair in ((away, back), theirs))
     return Started(*sizes, seconds, kind(fit), *both)
 

@@ -92,6 +92,55 @@ class Region:
             area += pixel * np.count_nonzero(self.mask.take(0 if face[1] == "-" else -1, axis=2 - axis))
         return float(area)
 
+    def in_box(self, start, stop) -> np.ndarray:
+        """Mask of the region in a box of its image's voxels.
+
+        Parameters
+        ----------
+        start, stop : (3,) array_like of int
+            First voxel (k, j, i) of a box that contains the region's crop, and one past its last voxel.
+
+        Returns
+        -------
+        ndarray of bool, shape (nk, nj, ni)
+        """
+        mask = np.zeros(np.subtract(stop, start), dtype=bool)
+        first = np.subtract(self.offset, start)
+        mask[tuple(map(slice, first, first + self.mask.shape))] = self.mask
+        return mask
+
+
+def common_box(first: Region, second: Region) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest box of voxels that contains the crops of two regions of one image.
+
+    Parameters
+    ----------
+    first, second : Region
+
+    Returns
+    -------
+    start, stop : ndarray, shape (3,)
+        First voxel (k, j, i), and one past the last one.
+    """
+    ends = (np.add(region.offset, region.mask.shape) for region in (first, second))
+    return np.minimum(first.offset, second.offset), np.maximum(*ends)
+
+
+def dice_coefficient(first: Region, second: Region) -> float:
+    """Dice coefficient of two regions of one image.
+
+    Parameters
+    ----------
+    first, second : Region
+
+    Returns
+    -------
+    float
+        From 0, if they have no voxel in common, to 1, if they are equal.
+    """
+    masks = [region.in_box(*common_box(first, second)) for region in (first, second)]
+    return 2.0 * np.count_nonzero(masks[0] & masks[1]) / sum(map(np.count_nonzero, masks))
+
 
 def region_from_mask(image: Image | str | os.PathLike, mask, *, largest_component: bool = False) -> Region:
     """Make a region from a segmentation on the image's grid.

@@ -137,20 +137,6 @@ def area_without_edge(image: Image, region: Region, star: Star) -> float:
     return (1.0 - edge_support(image, region, star)) * area / (1000.0 * region.volume_ml) ** (2.0 / 3.0)
 
 
-def agreement(first: Region, second: Region) -> float:
-    """Dice coefficient of two regions on one grid."""
-    start = np.maximum(first.offset, second.offset)
-    stop = np.minimum(*(np.asarray(part.offset) + part.mask.shape for part in (first, second)))
-    if np.any(start >= stop):
-        return 0.0
-    masks = [
-        part.mask[tuple(slice(*ends) for ends in zip(start - part.offset, stop - part.offset))]
-        for part in (first, second)
-    ]
-    common = np.count_nonzero(masks[0] & masks[1])
-    return 2.0 * common / (np.count_nonzero(first.mask) + np.count_nonzero(second.mask))
-
-
 def _normals(mask: np.ndarray, voxels: np.ndarray, image: Image) -> np.ndarray:
     """Outward unit normals at voxels of a mask's boundary: away from the mask's voxels nearby, (n, 3) RAS."""
     reach = np.maximum(np.floor(_AROUND_MM / image.spacing), 1).astype(int)

@@ -106,20 +106,16 @@ class FluidLevel:
         region : Region
             Used before the level.
         further : Region
-            Used behind the level, and up to 8 mm before it, where the first region may end.
+            Used behind the level, and as far before it as the first region may end beside it.
 
         Returns
         -------
         Region
             The largest piece, with threshold and erosion of the first region.
         """
-        mask = np.zeros(image.array.shape, dtype=bool)
-        for part in (region, further):
-            depths = self._depths_of(part.image)
-            used = depths < 0.0 if part is region else depths > self.depths[0]
-            mask[tuple(slice(first, first + size) for first, size in zip(part.offset, part.mask.shape))] |= (
-                part.mask & used
-            )
+        before = replace(region, mask=region.mask & (self._depths_of(region.image) < 0.0))
+        behind = replace(further, mask=further.mask & (self._depths_of(further.image) > self.depths[0]))
+        mask = np.logical_or(*(part.in_box((0, 0, 0), image.array.shape) for part in (before, behind)))
         whole = region_from_mask(image, largest_piece(mask))
         return replace(whole, threshold=region.threshold, erosion=region.erosion)
 
@@ -138,7 +134,7 @@ class FluidLevel:
     def support_behind(self, image: Image, region: Region, star: Star) -> float:
         """Mean strength of the edge along a region's boundary behind the level, from 0 to 1, see `edge_strengths`."""
         places, strengths = edge_strengths(image, region, star)
-        behind = self.sign * _over(places, self.plane) > _DEEP_MM
+        behind = self.sign * _anterior_distance(places, self.plane) > _DEEP_MM
         return float(strengths[behind].mean()) if behind.any() else 0.0
 
     def _depths_of(self, image: Image) -> np.ndarray:
@@ -177,7 +173,7 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
     places, levels = columns.sampled(image, plane, core)
     if len(levels):
         # The region may end a little before or behind the level.
-        plane = plane + np.array([0.0, 0.0, sign * columns.unit * _steepest(levels)])
+        plane = plane + np.array([0.0, 0.0, sign * columns.unit * _depth_of_change(levels)])
         places, levels = columns.sampled(image, plane, core)
     if not len(levels):
         # The region ends at the border of the volume.
@@ -186,7 +182,7 @@ def _level_at(image: Image, region: Region, sign: float) -> FluidLevel | None:
     if not crossed.any():
         return None
     crossings = places[crossed] + np.array([0.0, sign * columns.unit, 0.0]) * depths[crossed, None]
-    plane, uneven = _through(crossings)
+    plane, uneven = _robust_plane(crossings)
     places, levels = columns.sampled(image, plane, core)
     if uneven > _UNEVEN_MM or np.degrees(np.arctan(np.hypot(*plane[:2]))) > _TILT or not len(levels):
         return None
@@ -232,15 +228,16 @@ class _Columns:
         """Plane near which most columns end."""
         middle = self.ends[self.crossed].mean(axis=0)
         ends = self.ends[self.crossed] - middle
-        few = ends[:: -(-len(ends) // _MOST_COLUMNS)]
-        _, plane = max((_most(few, slopes) for slopes in itertools.product(_SLOPES, repeat=2)), key=lambda one: one[0])
+        some = ends[:: -(-len(ends) // _MOST_COLUMNS)]
+        planes = (_best_plane(some, slopes) for slopes in itertools.product(_SLOPES, repeat=2))
+        _, plane = max(planes, key=lambda count_and_plane: count_and_plane[0])
         for _ in range(_ROUNDS):
-            plane = _least_squares(ends[np.abs(_over(ends, plane)) < _WITHIN_MM])
+            plane = _least_squares(ends[np.abs(_anterior_distance(ends, plane)) < _WITHIN_MM])
         return plane + np.array([0.0, 0.0, middle[1] - plane[:2] @ middle[::2]])
 
     def core(self, plane: np.ndarray) -> np.ndarray:
         """Largest connected part, without its rim, of the columns that end near a plane, (p, q) of bool."""
-        largest = largest_piece(self.crossed & (np.abs(_over(self.ends, plane)) < _WITHIN_MM))
+        largest = largest_piece(self.crossed & (np.abs(_anterior_distance(self.ends, plane)) < _WITHIN_MM))
         return ndimage.distance_transform_edt(np.pad(largest, 1), sampling=self.sizes)[1:-1, 1:-1] > _RIM_MM
 
     def sampled(self, image: Image, plane: np.ndarray, core: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -249,7 +246,7 @@ class _Columns:
         Columns that leave the volume are left out.
         """
         places = self.ends[core].copy()
-        places[:, 1] -= _over(places, plane)
+        places[:, 1] -= _anterior_distance(places, plane)
         points = places[:, None] + self.sign * self.unit * _DEPTHS[:, None] * np.array([0.0, 1.0, 0.0])
         levels, valid = Sampler(image).values(points)
         inside = valid.all(axis=1)
@@ -261,14 +258,14 @@ class _Columns:
         return places[inside], sums / weights[:, None]
 
 
-def _over(points: np.ndarray, plane: np.ndarray) -> np.ndarray:
+def _anterior_distance(points: np.ndarray, plane: np.ndarray) -> np.ndarray:
     """Distance of points (..., 3) from a plane in the anterior direction, mm."""
     return points[..., 1] - points[..., ::2] @ plane[:2] - plane[2]
 
 
-def _most(ends: np.ndarray, slopes: tuple[float, float]) -> tuple[int, np.ndarray]:
+def _best_plane(ends: np.ndarray, slopes: tuple[float, float]) -> tuple[int, np.ndarray]:
     """Plane with given slopes that has most of the ends (n, 3) near it: the number of these, and the plane."""
-    over = np.sort(_over(ends, np.array([*slopes, 0.0])))
+    over = np.sort(_anterior_distance(ends, np.array([*slopes, 0.0])))
     counts = np.searchsorted(over, over + 2.0 * _WITHIN_MM) - np.arange(len(over))
     first = int(counts.argmax())
     return int(counts[first]), np.array([*slopes, over[first] + _WITHIN_MM])
@@ -279,16 +276,16 @@ def _least_squares(points: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(np.column_stack([points[:, ::2], np.ones(len(points))]), points[:, 1], rcond=None)[0]
 
 
-def _through(points: np.ndarray) -> tuple[np.ndarray, float]:
+def _robust_plane(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Robust plane through points (n, 3), and their scaled median distance from it, mm."""
     plane = _least_squares(points)
     for _ in range(_ROUNDS):
-        beside = np.abs(_over(points, plane))
+        beside = np.abs(_anterior_distance(points, plane))
         plane = _least_squares(points[beside <= 4.0 * np.median(beside)])
-    return plane, 1.4826 * float(np.median(np.abs(_over(points, plane))))
+    return plane, 1.4826 * float(np.median(np.abs(_anterior_distance(points, plane))))
 
 
-def _steepest(levels: np.ndarray) -> float:
+def _depth_of_change(levels: np.ndarray) -> float:
     """Depth at which the median of levels (n, m) over the columns changes most."""
     change = np.abs(np.gradient(np.median(levels, axis=0))) * _BESIDE
     return float(_DEPTHS[change.argmax()])

@@ -28,7 +28,8 @@ from .ray_origins import edges_around, within_limits
 from .seeds import voxels_of
 
 # The region is computed in a box that contains the ends of the rays, without this share of them on each side. Where the
-# region meets a side of the box, the box grows there by this share of its length, so many times for a limited region.
+# region meets a side of the box, the box grows there by this share of its length; at most so many times if the size of
+# the region is limited.
 _OUTLIERS = 0.02
 _GROWTH = 0.3
 _MOST_GROWTHS = 3

@@ -109,9 +109,9 @@ class Limits:
         -------
         (nk, nj, ni) ndarray of bool
         """
-        held = _within(grey, self.low, self.high)
+        within = _within(grey, self.low, self.high)
         if not self.offsets.size:
-            return held
+            return within
         # Outside of the lattice the limits are the typical ones.
         last = self.first + self.step * (np.array(self.offsets.shape[1:]) - 1)
         size = np.array(grey.shape[::-1])
@@ -123,8 +123,8 @@ class Limits:
         # A level that differs from a limit by rounding alone is within it, so that a constant that is added to all
         # levels does not change the result.
         least = _ROUNDING * (self.high - self.low) if np.isfinite(self.high - self.low) else 0.0
-        held[box] = _within(grey[box], self.low - least + low, self.high + least + high)
-        return held
+        within[box] = _within(grey[box], self.low - least + low, self.high + least + high)
+        return within
 
     def _interpolated(self, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Both offsets at the voxels of a box, each (nk, nj, ni); the box's first voxel and size are (i, j, k)."""

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ..imaging.image import Image
 from ..imaging.morphology import dilate, erode, largest_piece
-from ..imaging.region import Region, region_from_crop
+from ..imaging.region import Region, common_box, region_from_crop
 from .edge_support import MOST_VOXELS, EdgeStrengths, margin_of
 from .star_surface import Star
 
@@ -46,10 +46,9 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
         The largest piece of the changed region, with threshold, erosion and diagnostics of the first one, or the first
         region itself if no piece changed.
     """
-    start = np.minimum(region.offset, other.offset)
-    stop = np.maximum(*(np.asarray(part.offset) + part.mask.shape for part in (region, other)))
+    start, stop = common_box(region, other)
     edges = EdgeStrengths(image, star, start, stop)
-    mask, second = (_in_box(part, start, stop) for part in (region, other))
+    mask, second = (part.in_box(start, stop) for part in (region, other))
     changed = False
     for box, piece in _pieces(mask, second, image):
         before = mask[box]
@@ -65,14 +64,6 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
     return replace(
         region_from_crop(image, largest_piece(mask), start, fill=fill, **kept), diagnostics=region.diagnostics
     )
-
-
-def _in_box(region: Region, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Mask of a region in a box of the image's voxels that contains it."""
-    mask = np.zeros(stop - start, dtype=bool)
-    first = region.offset - start
-    mask[tuple(map(slice, first, first + region.mask.shape))] = region.mask
-    return mask
 
 
 def _pieces(mask: np.ndarray, second: np.ndarray, image: Image) -> Iterator[tuple[tuple[slice, ...], np.ndarray]]:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..imaging.image import Image, as_image
-from ..imaging.region import Region
+from ..imaging.region import Region, dice_coefficient
 from ..messages import Diagnostic
 from .checks import TooLarge, check_scale
-from .edge_support import agreement, area_without_edge, edge_support
+from .edge_support import area_without_edge, edge_support
 from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
@@ -36,7 +36,7 @@ _LEAST_CONTRAST = 6.0
 
 
 def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None, fill: bool = True) -> Region:
-    """Separate the organ that holds the seeds from its surroundings.
+    """Separate the organ that contains the seeds from its surroundings.
 
     By default two regions are computed, and one is chosen:
 
@@ -154,7 +154,7 @@ def _better(image: Image, grown: Region, shaped: Region, star: Star, fill: bool)
     # The boundary of a leak may lie at edges of other tissue, so its edges are not compared.
     leaked = bool(grown.diagnostics) and edge_support(image, shaped, star) >= _LEAST_SUPPORT
     less = np.subtract(*(area_without_edge(image, region, star) for region in (grown, shaped)))
-    same = agreement(grown, shaped) >= _SAME_ORGAN
+    same = dice_coefficient(grown, shaped) >= _SAME_ORGAN
     better = grown
     if leaked or less > (_LESS_WITHOUT_EDGE if same else 0.0):
         better = with_pieces(image, shaped, grown, star, fill=fill)

@@ -79,8 +79,8 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
         return None
     start, stop = _box(image, star)
     inward = _inward(image.crop(start, stop), star)
-    held = limits.holds(start, image.crop(start, stop).array)
-    mask = (held & (inward > -1.0)) | (inward > 1.0)
+    within = limits.holds(start, image.crop(start, stop).array)
+    mask = (within & (inward > -1.0)) | (inward > 1.0)
     steps = image.ijk_to_ras[:3, :3]
     core = largest_piece(erode(mask, steps, OPENING_MM))
     mask = largest_piece(dilate(core, steps, OPENING_MM) & mask)
