@@ -243,14 +243,28 @@ def test_a_catheter_and_gas_inside_belong_to_the_organ(ball):
     assert dice(region, truth) > 0.97
 
 
-def test_a_blob_of_smoothed_noise_is_no_organ():
-    """Its boundary has an edge all around, but its contrast is no larger than that of noise."""
-    noise = ndimage.gaussian_filter(np.random.default_rng(2).standard_normal((32, 32, 32)), 0.7)
+def smoothed_noise(seed, sigma):
     matrix = np.eye(4)
     matrix[:3, 3] = -16.0
-    image = Image(noise, matrix)
+    noise = np.random.default_rng(seed).standard_normal((32, 32, 32))
+    return Image(ndimage.gaussian_filter(noise, sigma), matrix)
+
+
+def test_a_blob_of_noise_is_no_organ_though_its_boundary_has_an_edge():
+    """Its contrast is no larger than that of noise."""
+    image = smoothed_noise(seed=2, sigma=0.7)
     assert edge_support(image, *shaped_region(image, np.zeros(3))) > 0.8
     with pytest.raises(ValueError, match="No edge of an organ"):
+        separate(image, [0.0, 0.0, 0.0])
+
+
+def test_a_blob_with_little_of_an_edge_is_no_organ_though_its_contrast_is_large():
+    """In noise that is smoothed over several voxels, differences between neighbours are small."""
+    image = smoothed_noise(seed=9, sigma=3.0)
+    region, star = shaped_region(image, np.zeros(3))
+    assert star.contrast > 6.0 * np.median(np.abs(np.diff(image.array, axis=0)))
+    assert edge_support(image, region, star) < 0.5
+    with pytest.raises(ValueError, match="touches 4 of the six faces"):
         separate(image, [0.0, 0.0, 0.0])
 
 

@@ -53,7 +53,10 @@ def grown_region(image: Image, seeds, *, threshold=None, erosion=None, dilation=
 
     Parameters
     ----------
-    image, seeds, threshold, erosion, dilation, fill
+    image : Image
+    seeds : ndarray, shape (n, 3)
+        Points in the organ, RAS mm.
+    threshold, erosion, dilation, fill
         As in :func:`.separation.separate`.
 
     Returns

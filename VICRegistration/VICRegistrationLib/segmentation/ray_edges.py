@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .seeds import checked_seeds, voxels_of
-from .sphere import sphere
+from .sphere import small_whole_numbers
 
 # The level around a seed is measured in the voxels within this distance.
 _BALL_MM = 3.0
@@ -254,8 +254,8 @@ def joined(first: Edges, second: Edges, chosen: np.ndarray) -> Edges:
 
 
 def _directions(image):
-    """Directions of a sphere in the frame of the grid's axes, unit vectors, RAS, (n, 3)."""
-    directions = sphere().directions @ (image.ijk_to_ras[:3, :3] / image.spacing).T
+    """Return unit vectors along small whole numbers in the frame of the grid's axes, RAS, (n, 3)."""
+    directions = small_whole_numbers(3) @ (image.ijk_to_ras[:3, :3] / image.spacing).T
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 

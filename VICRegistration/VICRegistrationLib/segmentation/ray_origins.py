@@ -30,7 +30,7 @@ def edges_around(image, seeds, given):
     Parameters
     ----------
     image : Image
-    seeds : array_like, shape (n, 3) or (3,)
+    seeds : ndarray, shape (n, 3)
         Points in the organ, RAS mm.
     given : Limits or None
         Limits of grey levels that the user has given; by default they are measured at the edges.

@@ -31,7 +31,8 @@ _LESS_WITHOUT_EDGE = 0.1
 # A region is taken for an organ only if the mean edge strength along its boundary is at least this.
 _LEAST_SUPPORT = 0.5
 # Its contrast must also be at least so many standard deviations of the noise: noise alone has 1.4 to 2.2 of them,
-# organs tried had 36 and more.
+# organs tried had 36 and more. Without this, 2 of 50 images of white noise give a region, and 11 of 50 of noise
+# smoothed by a Gaussian of 0.7 voxels.
 _LEAST_CONTRAST = 6.0
 
 

@@ -43,6 +43,12 @@ class Sphere:
     angles: np.ndarray
 
 
+def small_whole_numbers(largest: int) -> np.ndarray:
+    """Return all vectors of whole numbers up to a largest one that have no common divisor, (n, 3)."""
+    numbers = range(-largest, largest + 1)
+    return np.array([v for v in itertools.product(numbers, repeat=3) if np.gcd.reduce(v) == 1], dtype=float)
+
+
 @lru_cache(maxsize=2)
 def sphere(longest: int = 3) -> Sphere:
     """Spread directions over a sphere; neighbours are those of the Gabriel graph [1]_, with no other between them.
@@ -61,10 +67,9 @@ def sphere(longest: int = 3) -> Sphere:
     .. [1] K. R. Gabriel, R. R. Sokal, "A new statistical approach to geographic variation analysis", Systematic Zoology
        18(3), 1969.
     """
-    numbers = range(-longest, longest + 1)
-    whole = np.array([v for v in itertools.product(numbers, repeat=3) if np.gcd.reduce(v) == 1], dtype=float)
+    whole = small_whole_numbers(longest)
     directions = whole / np.linalg.norm(whole, axis=1, keepdims=True)
-    # Neighbours are at most as far apart as an axis is from the directions next to it, 1 / longest; with a margin.
+    # Neighbours are at most as far apart as an axis is from those next to it, about 1 / longest; with a margin.
     tree, widest = cKDTree(directions), 2.0 / longest
     pairs = tree.query_pairs(widest, output_type="ndarray")
     first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
