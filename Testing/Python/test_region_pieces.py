@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bladders import load_bladder
+from reorientation import ORIENTATIONS, motion, reordered
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
@@ -60,6 +61,23 @@ def decided(image, region, other):
 def test_a_piece_is_decided_by_the_edges_around_it(inside, first, other):
     # A few voxels at a piece's sharp rim hold no ball.
     assert np.count_nonzero(decided(image_of(inside), first, other) != inside) < 20
+
+
+@pytest.mark.parametrize(("order", "flips"), ORIENTATIONS[1::4])
+def test_pieces_are_the_same_on_an_oblique_grid_with_thicker_slices(order, flips):
+    def on_grid(array):
+        """Two slices in one, turned in the world, with other axes in memory."""
+        thick = array[:-1].reshape(-1, 2, *array.shape[1:]).mean(axis=1)
+        matrix = np.diag([1.0, 1.0, 2.0, 1.0])
+        matrix[:3, 3] = -HALF, -HALF, 0.5 - HALF
+        return reordered(Image(thick, motion(35.0, (1.0, 2.0, 3.0)) @ matrix), order, flips)
+
+    inside = BALL & ~TUMOUR
+    image = on_grid(image_of(inside).array)
+    regions = [region_from_mask(image, on_grid(mask.astype(float)).array > 0.5) for mask in (BALL, inside)]
+    found = with_pieces(image, *regions, find_star(image, np.zeros(3)))
+    assert dice_coefficient(found, regions[0]) < 0.995
+    assert dice_coefficient(found, regions[1]) > 0.999
 
 
 def test_a_piece_without_any_edge_adds_no_boundary():

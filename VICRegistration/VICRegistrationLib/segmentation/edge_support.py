@@ -12,7 +12,7 @@ from ..imaging.sampling import Sampler
 from .star_surface import STEP_SHARE, Star, blurred
 
 # Of a larger number of boundary voxels, at most so many, evenly spread over their list, are used.
-MOST_VOXELS = 3000
+_MOST_VOXELS = 3000
 # The grey level is sampled along the normal at this spacing, mm, in so many samples before and behind an edge.
 _SIDE, _STEP_MM = 3, 0.75
 # The edge is searched up to so many samples before and behind the boundary, so that a boundary a millimetre beside an
@@ -74,6 +74,11 @@ def margin_of(image: Image) -> np.ndarray:
     return np.ceil((_DEPTHS_MM[-1] + 1.0) / image.spacing[::-1]).astype(int)
 
 
+def thinned(voxels: np.ndarray) -> np.ndarray:
+    """Take some boundary voxels, (n, 3) of int, evenly spread over their list, so that there are not too many."""
+    return voxels[:: -(-len(voxels) // _MOST_VOXELS)]
+
+
 def edge_support(image: Image, region: Region, star: Star) -> float:
     """Mean edge strength along a region's boundary.
 
@@ -108,8 +113,7 @@ def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray
     strengths : ndarray, shape (n,)
         From 0 to 1.
     """
-    voxels = boundary_voxels(region.mask)
-    voxels = voxels[:: -(-len(voxels) // MOST_VOXELS)]
+    voxels = thinned(boundary_voxels(region.mask))
     start = np.asarray(region.offset)
     edges = EdgeStrengths(image, star, start, start + region.mask.shape)
     places, strengths = edges.at(region.mask, voxels, start)

@@ -11,7 +11,7 @@ from scipy import ndimage
 from ..imaging.image import Image
 from ..imaging.morphology import dilate, erode, largest_piece
 from ..imaging.region import Region, common_box, region_from_crop
-from .edge_support import MOST_VOXELS, EdgeStrengths, margin_of
+from .edge_support import EdgeStrengths, margin_of, thinned
 from .star_surface import Star
 
 # Pieces are the connected components of the difference after an opening with a ball of this radius, mm. In 33 regions
@@ -47,13 +47,13 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
         region itself if no piece changed.
     """
     start, stop = common_box(region, other)
-    edges = EdgeStrengths(image, star, start, stop)
     mask, second = (part.in_box(start, stop) for part in (region, other))
     changed = False
     for box, piece in _pieces(mask, second, image):
         before = mask[box]
         after = before ^ piece
         corner = start + [side.start for side in box]
+        edges = EdgeStrengths(image, star, corner, corner + piece.shape)
         changed_area, area = (_area_without_edge(edges, image, one, piece, corner) for one in (after, before))
         if changed_area < area:
             mask[box] = after
@@ -100,7 +100,7 @@ def _area_without_edge(
     voxels = np.argwhere(areas)
     if not len(voxels):
         return 0.0
-    some = voxels[:: -(-len(voxels) // MOST_VOXELS)]
+    some = thinned(voxels)
     weights = areas[tuple(some.T)]
     missing = 1.0 - np.nan_to_num(edges.at(mask, some, corner)[1])
     return float(areas.sum() * (missing @ weights) / weights.sum())
