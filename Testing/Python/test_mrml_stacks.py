@@ -330,6 +330,42 @@ def test_clones_of_stacks_show_their_contours_and_clones_of_contours_are_seen(lo
     assert slicer.util.getNodesByClass("vtkMRMLModelNode") == [copy]
 
 
+def test_a_copy_of_an_aligned_stack_is_aligned_too(logic, stacks, scene, kept):
+    from VICRegistrationLib.mrml.stack_contours import chooseViews, followStacks
+
+    red, composite = add_view(scene, "Red", stacks["AX"])
+    add_view(scene, "Yellow", stacks["SAG"])
+    organ = fit(logic, stacks, stacks["AX"])
+    made = kept.alignStack(kept.stacksOf(organ)[stacks["AX"]], stacks["SAG"], stacks["AX"])
+    followStacks(organ)
+    copy = cloned(stacks["AX"])
+    composite.SetBackgroundVolumeID(copy.GetID())
+    kept.alignCopy(copy)
+    chooseViews()
+    assert copy.GetParentTransformNode() is made
+    assert [seen_in(node, red) for node in (organ.surface, organ.contours()[0])] == [False, True]
+    # A copy of the copy has no transform either.
+    again = cloned(copy)
+    kept.alignCopy(again)
+    assert again.GetParentTransformNode() is made
+
+
+def test_only_copies_of_aligned_stacks_are_moved(logic, stacks, kept):
+    organ = fit(logic, stacks, stacks["AX"])
+    unaligned = cloned(stacks["AX"])
+    kept.alignCopy(unaligned)
+    assert unaligned.GetParentTransformNode() is None
+    kept.alignStack(kept.stacksOf(organ)[stacks["AX"]], stacks["SAG"], stacks["AX"])
+    # Another series with the same grid, and a copy that somebody has put elsewhere.
+    series, placed = cloned(stacks["AX"]), cloned(stacks["AX"])
+    slicer.util.arrayFromVolume(series)[0, 0, 0] += 1
+    elsewhere = mrml_scenes.add_linear_transform(motion(0, (1, 0, 0), (5, 0, 0)))
+    placed.SetAndObserveTransformNodeID(elsewhere.GetID())
+    for node in (series, placed, stacks["COR"]):
+        kept.alignCopy(node)
+    assert [node.GetParentTransformNode() for node in (series, placed, stacks["COR"])] == [None, elsewhere, None]
+
+
 def test_contours_are_hidden_when_their_surface_is_deleted(logic, stacks, scene):
     from VICRegistrationLib.mrml.stack_contours import chooseViews
 

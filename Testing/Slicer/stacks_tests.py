@@ -157,6 +157,17 @@ class StacksTest(PanelTestCase):
             shown = tuple(bool(d.GetVisibility2D() and d.IsDisplayableInView(view.GetID())) for d in displays)
             self.assertEqual(shown, expected)
 
+    def test_aCloneOfAnAlignedStackIsAligned(self):
+        self.check().click()
+        self.fitted("bladder")
+        self.table.cellWidget(0, 2).click()
+        hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
+        clone = slicer.vtkSlicerSubjectHierarchyModuleLogic.CloneSubjectHierarchyItem
+        item = clone(hierarchy, hierarchy.GetItemByDataNode(self.stack))
+        copy = hierarchy.GetItemDataNode(item)
+        waitFor(lambda: self.table.rowCount == 2)
+        self.assertIs(copy.GetParentTransformNode(), self.stack.GetParentTransformNode())
+
     def test_aStackIsDeletedMeanwhile(self):
         self.check().click()
         organ = self.fitted("bladder")

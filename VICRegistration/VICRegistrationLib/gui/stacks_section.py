@@ -10,7 +10,7 @@ from slicer.util import VTKObservationMixin
 
 from ..mrml.organ_nodes import volumeOf
 from ..mrml.stack_contours import chooseViews, followStacks
-from ..mrml.stacks import alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
+from ..mrml.stacks import alignCopy, alignStack, canBeAligned, forgetRemovedStacks, similarVolumes, stacksOf
 from ..mrml.volumes import greyVolumes, isGreyVolume
 from .widgets import STACK_ROWS, fitHeight, setUpTable, showRow, signalsBlocked
 
@@ -38,6 +38,7 @@ class StacksSection(VTKObservationMixin):
         self._onChanged, self._onCame, self._onMoved = onChanged, onCame, onMoved
         self._organs = self._own = None
         self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
+        self._added = []
         setUpTable(self._table, ["", "", ""], wide=_NAME)
         self._table.horizontalHeader().setVisible(False)
         self._table.setSelectionMode(qt.QAbstractItemView.NoSelection)
@@ -170,6 +171,8 @@ class StacksSection(VTKObservationMixin):
         isVolume = isGreyVolume(node)
         if isVolume or any(node.IsA(kind) for kind in ("vtkMRMLSliceCompositeNode", "vtkMRMLAbstractViewNode")):
             self._timer.start()
+        if isVolume and not slicer.mrmlScene.IsImporting():
+            self._added.append(node.GetID())
         if isVolume and self._organs is not None:
             self._follow(node)
 
@@ -180,6 +183,10 @@ class StacksSection(VTKObservationMixin):
             self._onChanged()
 
     def _volumesChanged(self):
+        added, self._added = [slicer.mrmlScene.GetNodeByID(nodeId) for nodeId in self._added], []
+        for node in added:
+            if node is not None:
+                alignCopy(node)
         self._followViews()
         self._forgetRemoved()
         self._onCame()

@@ -16,7 +16,7 @@ from slicer.i18n import tr as _
 from ..messages import Diagnostic
 from .points import placedIn, placedPoints
 from .sentences import sentence
-from .volumes import greyVolumes, gridOf, imageFromVolume, linearRelation, localPoints, withSameGrid
+from .volumes import greyVolumes, gridOf, imageFromVolume, isCopyOf, linearRelation, localPoints, withSameGrid
 
 # Node reference from a transform node that was made here to its volume.
 _MOVED = "VIC.moved"
@@ -269,7 +269,7 @@ def alignStack(record, volumeNode, stackNode):
         If the transform between the two volumes is nonlinear.
     """
     made = stackNode.GetParentTransformNode()
-    reused = made is not None and made.GetNodeReference(_MOVED) is stackNode
+    reused = _isAligned(stackNode)
     above = made.GetParentTransformNode() if reused else made
     relation = linearRelation(volumeNode.GetParentTransformNode(), above)
     if relation is None:
@@ -283,6 +283,29 @@ def alignStack(record, volumeNode, stackNode):
     made.SetMatrixTransformToParent(slicer.util.vtkMatrixFromArray(matrix))
     stackNode.SetAndObserveTransformNodeID(made.GetID())
     return made
+
+
+def alignCopy(volumeNode):
+    """Put a copy of an aligned stack under the transform that has aligned the stack.
+
+    "Clone" in Slicer's module Data leaves the transform out: the copy would show the organ where it was before.
+
+    Parameters
+    ----------
+    volumeNode : vtkMRMLScalarVolumeNode
+        A volume that was just added to the scene. If it is no copy, or is under a transform, nothing is done.
+    """
+    if volumeNode.GetParentTransformNode() is not None:
+        return
+    stack = next((node for node in greyVolumes() if _isAligned(node) and isCopyOf(volumeNode, node)), None)
+    if stack is not None:
+        volumeNode.SetAndObserveTransformNodeID(stack.GetParentTransformNode().GetID())
+
+
+def _isAligned(stackNode):
+    """Whether a volume is under a transform node that :func:`alignStack` made for it."""
+    parent = stackNode.GetParentTransformNode()
+    return parent is not None and parent.GetNodeReference(_MOVED) is stackNode
 
 
 def _gridBeside(volumeNode, stackNode):

@@ -157,6 +157,21 @@ def withSameGrid(volumeNode, others):
     return next((node for node in others if _sameGrid(node, volumeNode)), None)
 
 
+def isCopyOf(volumeNode, other):
+    """Whether a volume has the voxels of another one, at the same place below its parent transform.
+
+    Parameters
+    ----------
+    volumeNode, other : vtkMRMLVolumeNode
+
+    Returns
+    -------
+    bool
+        The transforms that the volumes are under do not matter.
+    """
+    return _samePlace(volumeNode, other) and np.array_equal(*map(slicer.util.arrayFromVolume, (volumeNode, other)))
+
+
 def localPoints(volumeNode, worldPoints):
     """Bring points from the world into a volume's local frame.
 
@@ -297,9 +312,13 @@ def transformedPoints(source, target, points):
 
 
 def _sameGrid(one, other):
+    return one.GetParentTransformNode() is other.GetParentTransformNode() and _samePlace(one, other)
+
+
+def _samePlace(one, other):
+    """Whether the voxels of two volumes lie in the same place below the transforms that the volumes are under."""
     return (
-        one.GetParentTransformNode() is other.GetParentTransformNode()
-        and None not in (one.GetImageData(), other.GetImageData())
+        None not in (one.GetImageData(), other.GetImageData())
         and one.GetImageData().GetDimensions() == other.GetImageData().GetDimensions()
         and np.allclose(gridOf(one), gridOf(other), rtol=0.0, atol=1e-6)
     )
