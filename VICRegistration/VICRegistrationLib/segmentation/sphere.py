@@ -16,6 +16,9 @@ _ROUNDS, _CONVERGED = 100, 1e-2
 # Share of the last message that is kept. With 0.2 to 0.5 the surfaces are the same; with 0.1 and less, messages
 # oscillate.
 _DAMPING = 0.3
+# So many pairs stay in the processor's cache: the messages of 1632 pairs with 81 radii take 1.2 ms with 256 at once,
+# 1.6 ms with 128, 1.8 ms with 512, and 2.1 ms with all.
+_PAIRS_AT_ONCE = 256
 # Values are interpolated between so many of the nearest directions.
 _NEAREST = 4
 
@@ -187,7 +190,7 @@ def cheapest_radii(
     slope_costs = (smoothness / share * ((rises - own_rises[:, None]) * slopes[:, None]) ** 2).astype(np.float32)
     messages, totals = np.zeros((count, costs.shape[1]), dtype=np.float32), costs
     for _ in range(_ROUNDS):
-        cheapest = _message(totals[ball.first] - messages[ball.back], slope_costs)
+        cheapest = _messages(totals[ball.first] - messages[ball.back], slope_costs)
         change = np.abs(cheapest - messages).max()
         messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest
         totals = costs + gather @ messages
@@ -196,14 +199,21 @@ def cheapest_radii(
     return totals.argmin(axis=1)
 
 
-def _message(sums: np.ndarray, slope_costs: np.ndarray) -> np.ndarray:
+def _messages(sums: np.ndarray, slope_costs: np.ndarray) -> np.ndarray:
     """Message of each pair: least cost of the first direction's radius and the slope, for each radius of the second.
 
     Slope costs, (m, 2 * most_apart + 1), are those of each rise from the first radius to the second.
     """
-    level = slope_costs.shape[1] // 2
-    cheapest = sums + slope_costs[:, level, None]
-    for rise in range(1, level + 1):
-        np.minimum(cheapest[:, rise:], sums[:, :-rise] + slope_costs[:, level + rise, None], out=cheapest[:, rise:])
-        np.minimum(cheapest[:, :-rise], sums[:, rise:] + slope_costs[:, level - rise, None], out=cheapest[:, :-rise])
-    return cheapest - cheapest.min(axis=1, keepdims=True)
+    messages, level = np.empty_like(sums), slope_costs.shape[1] // 2
+    for start in range(0, len(sums), _PAIRS_AT_ONCE):
+        pairs = slice(start, start + _PAIRS_AT_ONCE)
+        # The pairs of a radius lie next to each other in memory: numpy is fastest along its last axis.
+        costs, by_rise = sums[pairs].T.copy(), slope_costs[pairs].T.copy()
+        cheapest, raised = costs + by_rise[level], np.empty_like(costs)
+        for rise in range(1, level + 1):
+            up = np.add(costs[:-rise], by_rise[level + rise], out=raised[rise:])
+            np.minimum(cheapest[rise:], up, out=cheapest[rise:])
+            down = np.add(costs[rise:], by_rise[level - rise], out=raised[:-rise])
+            np.minimum(cheapest[:-rise], down, out=cheapest[:-rise])
+        messages[pairs] = (cheapest - cheapest.min(axis=0)).T
+    return messages
