@@ -16,7 +16,7 @@ from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.sampling import Sampler
 from VICRegistrationLib.registration.cost import Correlation
-from VICRegistrationLib.registration.edge_width import edge_width
+from VICRegistrationLib.registration.edge_width import WIDTH_OF_BLUR, edge_width
 from VICRegistrationLib.registration.partial_volumes import PartialVolumes
 from VICRegistrationLib.registration.sample_grid import SampledSurface, SampleGrid
 from VICRegistrationLib.registration.virtual_image import IntensityProfile, VirtualImage
@@ -40,6 +40,13 @@ def painted(spacing, deviation=0.6, turn=None):
 
 def width_in(image):
     return edge_width(Sampler(image), ORGAN, image.ijk_to_ras[:3, :3])
+
+
+def test_the_width_of_an_edge_does_not_depend_on_thick_slices():
+    # The point spread, the mean over a pixel and linear interpolation, along lines in the plane of the slices.
+    expected = WIDTH_OF_BLUR * np.sqrt(1.0 + 1.0 / 12.0 + 1.0 / 6.0)
+    # Measured once, without the blur that the first width shows, it is 6 % too small; afterwards 2 % too large.
+    assert width_in(painted((1.0, 1.0, 6.0), 1.0)) == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize(
