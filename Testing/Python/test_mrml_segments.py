@@ -168,3 +168,17 @@ def test_a_thin_segment_cannot_be_fitted_and_says_why(logic):
     mask[8:14, 20:40, 25] = 1
     with pytest.raises(ValueError, match="mm thick"):
         logic.fit(volume, segment=(add_segment(volume, mask), "s"))
+
+
+def test_a_region_that_is_its_own_segment_outlives_a_volume_elsewhere(logic):
+    """The user may have edited it."""
+    from VICRegistrationLib.mrml.separating import separateOrgan
+
+    volume, mask = mrml_scenes.add_volume(), painted(mrml_scenes.mri())
+    organ = logic.addOrgan(volume, segment=(add_segment(volume, mask), "s"))
+    organ.inputSegmentation, organ.inputSegmentId = organ.regions, organ.regionSegmentId
+    far = mrml_scenes.add_volume(name="knee", under=mrml_scenes.add_linear_transform(motion(0, (1, 0, 0), (500, 0, 0))))
+    with pytest.raises(ValueError, match="holds no voxel of the volume knee"):
+        separateOrgan(organ, far)
+    found = slicer.util.arrayFromSegmentBinaryLabelmap(organ.regions, organ.regionSegmentId, volume)
+    np.testing.assert_array_equal(found, mask)
