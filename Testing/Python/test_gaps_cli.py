@@ -55,3 +55,8 @@ def test_a_surface_is_not_replaced_by_the_numbers(balls, capsys):
     assert cli.main(["gaps", *map(str, balls.values()), "--output", str(balls["a"])]) == 2
     assert "would replace" in capsys.readouterr().err
     assert balls["a"].read_bytes() == before
+
+
+def test_a_folder_is_no_surface(balls, tmp_path, capsys):
+    assert cli.main(["gaps", str(tmp_path)]) == 2
+    assert f"{tmp_path} is a folder; give the organs' files in it" in capsys.readouterr().err

@@ -98,3 +98,10 @@ def test_a_record_is_what_json_keeps():
     assert record["code"] == "invalid_surface"
     assert record["sentence"] == found.sentence()
     assert record["values"]["problem"]["values"] == place
+
+
+def test_grey_levels_and_volumes_are_told_without_exponents():
+    values = {"region_ml": 30.0, "seen_ml": 20.0, "low": 12345.6, "high": 65535.0, "erosion_mm": 0.0}
+    assert "(threshold 12346 to 65535," in Diagnostic("region_larger_than_seen", values).sentence()
+    overlap = {"first": "bladder", "second": "vagina", "volume_mm3": 1234.5}
+    assert "overlap by 1234.5 mm³;" in Diagnostic("overlap_resolved", overlap).sentence()

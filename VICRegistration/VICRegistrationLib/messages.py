@@ -30,7 +30,7 @@ SENTENCES = {
     ),
     "region_larger_than_seen": _(
         "The separated region has {region_ml:.1f} ml, but the wall that is seen from the seeds encloses {seen_ml:.1f} "
-        "ml: the region may have leaked into other tissue (threshold {low:.4g} to {high:.4g}, erosion {erosion_mm:g} "
+        "ml: the region may have leaked into other tissue (threshold {low:.5g} to {high:.5g}, erosion {erosion_mm:g} "
         "mm). Look at the contour; if it has leaked, narrow the threshold or increase the erosion."
     ),
     "start_contradicted": _(
@@ -196,7 +196,7 @@ SENTENCES = {
         "of one organ in one image; for a mesh, check its frame (LPS or RAS) and its unit (mm)."
     ),
     # A mesh of tetrahedra.
-    "overlap_resolved": _("{first} and {second} overlap by {volume_mm3:.3g} mm³; the overlap was given to {second}."),
+    "overlap_resolved": _("{first} and {second} overlap by {volume_mm3:.1f} mm³; the overlap was given to {second}."),
     "edges_straightened": _(
         "{count} edges of second order are straighter than the surface, so that their elements keep a good shape."
     ),

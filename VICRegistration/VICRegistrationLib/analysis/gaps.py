@@ -86,9 +86,11 @@ class Gap:
         where = f"at R {r:.1f}, A {a:.1f}, S {s:.1f} mm"
         if self.deepest is None:
             return f"{self.first} and {self.second} are {place.distance:.2f} mm apart {where}"
+        volume = self.common_volume
+        amount = f"{volume / 1000.0:.1f} ml" if volume >= 1000.0 else f"{volume:.3g} mm³"
         relation = self.relation.replace("first", self.first).replace("second", self.second)
         return (
-            f"{self.first} and {self.second} have {self.common_volume:.3g} mm³ in common ({relation}), "
+            f"{self.first} and {self.second} have {amount} in common ({relation}), "
             f"{place.distance:.2f} mm deep {where}"
         )
 

@@ -219,7 +219,7 @@ def _separated(image: Image, request: OrganRequest) -> tuple[Region, float]:
     )
     seconds = time.perf_counter() - start
     low, high = region.threshold
-    found = f"{region.volume_ml:.1f} ml, threshold {low:.4g} to {high:.4g}"
+    found = f"{region.volume_ml:.1f} ml, threshold {low:.5g} to {high:.5g}"
     LOG.info(f"{request.name}: separation, {found}, {seconds:.2f} s")
     return region, seconds
 

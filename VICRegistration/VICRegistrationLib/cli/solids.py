@@ -55,6 +55,9 @@ def read_solids(paths: Sequence[str | os.PathLike]) -> tuple[Solid, ...]:
         if is_model_file(path) or holds_patches(path):
             LOG.warning(f"{path} is a model of several organs and not the surface of one; it is skipped")
             continue
+        if path.is_dir():
+            msg = f"{path} is a folder; give the organs' files in it, NAME.json or NAME.vtp, as fit writes them."
+            raise ValueError(msg)
         if path.suffix.lower() not in _SUFFIXES:
             msg = f"{path} has no control net; give the organ's file NAME.json or NAME.vtp, as fit writes them."
             raise ValueError(msg)

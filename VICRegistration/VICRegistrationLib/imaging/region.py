@@ -64,7 +64,7 @@ class Region:
 
     def __repr__(self):
         nk, nj, ni = self.mask.shape
-        limits = "" if self.threshold is None else ", grey levels {:.4g} to {:.4g}".format(*self.threshold)
+        limits = "" if self.threshold is None else ", grey levels {:.5g} to {:.5g}".format(*self.threshold)
         return f"Region({self.volume_ml:.3g} ml in {ni} x {nj} x {nk} voxels{limits})"
 
     @property

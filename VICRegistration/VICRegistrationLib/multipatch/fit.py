@@ -273,8 +273,8 @@ def check_organs(model: MultiPatchModel, options: Mapping[str, FitOptions]) -> N
         raise ValueError(msg)
     if len(options) < _LEAST_ORGANS:
         msg = (
-            f"{len(options)} of the model's organs {names} was given; at least {_LEAST_ORGANS} are needed to place the "
-            "model. Give seeds or regions of more of them."
+            f"Of the model's organs {names}, at least {_LEAST_ORGANS} are needed to place the model; given: "
+            f"{', '.join(options) or 'none'}. Give seeds or regions of more of them."
         )
         raise ValueError(msg)
     usual = FitOptions()

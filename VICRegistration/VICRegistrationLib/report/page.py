@@ -248,7 +248,7 @@ def _inputs(organ: ReportedOrgan) -> list[tuple]:
     rows: list[tuple] = [("Seeds, RAS mm", _places(organ.seeds), "as given")] if len(organ.seeds) else []
     if options.threshold is not None:
         low, high = options.threshold
-        rows.append(("Grey levels of the organ", f"{low:.4g} to {high:.4g}", origin("threshold")))
+        rows.append(("Grey levels of the organ", f"{low:.5g} to {high:.5g}", origin("threshold")))
     erosion = options.erosion if region is None or region.erosion is None else region.erosion
     dilation = erosion if options.dilation is None else options.dilation
     lengths = (("Erosion", "erosion", erosion), ("Dilation", "dilation", dilation))

@@ -42,7 +42,7 @@ def remedy(image: Image, seeds: np.ndarray, refused: tuple[float, float], *, ero
         narrow = tuple(
             float(f"{edges.median_level + share * (level - edges.median_level):.4g}") for level in (low, high)
         )
-        words = "a threshold of {:.4g} to {:.4g}".format(*narrow)
+        words = "a threshold of {:.5g} to {:.5g}".format(*narrow)
         attempts.append(({"threshold": narrow, "erosion": erosion}, words))
     for options, words in attempts:
         region = _separated(image, seeds, dilation=dilation, fill=fill, **options)
