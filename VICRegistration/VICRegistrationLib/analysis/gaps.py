@@ -89,10 +89,8 @@ class Gap:
         volume = self.common_volume
         amount = f"{volume / 1000.0:.1f} ml" if volume >= 1000.0 else f"{volume:.3g} mm³"
         relation = self.relation.replace("first", self.first).replace("second", self.second)
-        return (
-            f"{self.first} and {self.second} have {amount} in common ({relation}), "
-            f"{place.distance:.2f} mm deep {where}"
-        )
+        common = f"{self.first} and {self.second} have {amount} in common ({relation})"
+        return f"{common}, {place.distance:.2f} mm deep {where}"
 
 
 def gaps(surfaces: Mapping[str, BSplineSurface]) -> tuple[Gap, ...]:

@@ -134,6 +134,12 @@ def area_without_edge(image: Image, region: Region, star: Star) -> float:
     float
         The mean of 1 minus the edge strength, times the area of the voxels' faces. It does not depend on the region's
         size: it is 7.3 for a ball without any edge.
+
+    Notes
+    -----
+    In the mean all voxels have the same weight, and those at the border of the volume have none. Weighted by the area
+    of their faces, as pieces are in `region_pieces`, the difference between the two regions of IM0465 and p5 is 0.14
+    and 0.10 in place of 0.07 and 0.06, and the other region is taken.
     """
     mask, spacing = np.pad(region.mask, 1).astype(np.int8), region.spacing[::-1]
     faces = [np.count_nonzero(np.diff(mask, axis=axis)) / spacing[axis] for axis in range(3)]
