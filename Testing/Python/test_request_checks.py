@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from reorientation import motion
 from small_phantom import CENTER, SEED, ellipsoid_image
 
 from VICRegistrationLib import cli
@@ -14,6 +15,7 @@ from VICRegistrationLib.cli.configuration import organ_request
 from VICRegistrationLib.cli.request_checks import check_request
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
+from VICRegistrationLib.segmentation.separation import separate
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,15 @@ def test_other_places_are_told_without_a_guess(image, seed):
     told = complaint(image, [seed])
     assert "R 101.0 to 141.0, A 99.0 to 179.0, S 101.0 to 181.0 mm" in told
     assert told.endswith("Give RAS coordinates in mm, as Slicer shows them for the mouse pointer.")
+
+
+def test_a_place_within_the_bounds_of_an_oblique_volume_is_not_told_to_be_within_the_volume(image):
+    oblique = Image(image.array, motion(45.0, (0.0, 0.0, 1.0)) @ image.ijk_to_ras)
+    beside = oblique.to_ras([-10.5, 0.0, 20.0])
+    told = complaint(oblique, [beside])
+    assert "(R -55.2 to 29.7, A 141.4 to 226.3, S 101.0 to 181.0 mm, but oblique: its nearest voxel is 20.0 mm" in told
+    with pytest.raises(ValueError, match="but oblique: its nearest voxel is 20.0 mm away"):
+        separate(oblique, beside)
 
 
 def test_nothing_is_guessed_if_it_holds_for_some_seeds_only(image):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..imaging.image import Image
 from ..registration.boundary_points import LARGEST_DISTANCE_MM
+from ..segmentation.seeds import point_outside
 from .configuration import OrganRequest
 
 
@@ -37,14 +37,9 @@ def _check_points(image: Image, word: str, points: Sequence[Sequence[float]], *,
     inside = _inside(image, points, reach)
     if all(inside):
         return
-    first = points[inside.index(False)]
-    corners = image.to_ras(list(itertools.product(*([-0.5, count - 0.5] for count in image.size))))
-    ranges = ", ".join(
-        f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in zip("RAS", corners.min(0), corners.max(0))
-    )
+    first = np.asarray(points[inside.index(False)], dtype=float)
     what = "seed" if word == "seed" else "boundary point"
-    place = ", ".join(f"{value:.1f}" if abs(value) < 1e6 else f"{value:g}" for value in first)
-    msg = f"The {what} ({place}) mm lies outside the volume ({ranges} mm). {_advice(image, word, points)}"
+    msg = f"{point_outside(image, what, first)}. {_advice(image, word, points)}"
     raise ValueError(msg)
 
 

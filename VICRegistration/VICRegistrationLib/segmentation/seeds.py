@@ -47,14 +47,25 @@ def checked_seeds(image: Image, seeds) -> np.ndarray:
     # Negated, so that it is also true for NaN: the index of a very distant point overflows.
     outside = ~((index >= -0.5) & (index <= image.size - 0.5)).all(axis=1)
     if outside.any():
-        corners = image.to_ras(list(itertools.product(*([-0.5, n - 0.5] for n in image.size))))
-        ranges = ", ".join(
-            f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in zip("RAS", corners.min(0), corners.max(0))
-        )
-        place = ", ".join(f"{value:.1f}" if abs(value) < 1e6 else f"{value:g}" for value in points[outside][0])
-        msg = f"The seed ({place}) mm lies outside the volume ({ranges} mm); place it in the organ (RAS mm)."
+        msg = f"{point_outside(image, 'seed', points[outside][0])}; place it in the organ (RAS mm)."
         raise ValueError(msg)
     return points
+
+
+def point_outside(image: Image, what: str, point) -> str:
+    """Sentence, without its full stop, that says that a point (R, A, S, mm) lies outside the volume, and where that is.
+
+    Bounds alone would contradict it where an oblique volume does not fill them.
+    """
+    corners = image.to_ras(list(itertools.product(*([-0.5, n - 0.5] for n in image.size))))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    ranges = ", ".join(f"{axis} {start:.1f} to {stop:.1f}" for axis, start, stop in zip("RAS", low, high))
+    place = ", ".join(f"{value:.1f}" if abs(value) < 1e6 else f"{value:g}" for value in point)
+    within = ""
+    if np.all((low <= point) & (point <= high)):
+        nearest = image.to_ras(np.clip(image.to_ijk(point), -0.5, image.size - 0.5))
+        within = f", but oblique: its nearest voxel is {np.linalg.norm(nearest - point):.1f} mm away"
+    return f"The {what} ({place}) mm lies outside the volume ({ranges} mm{within})"
 
 
 def voxels_of(image: Image, points) -> np.ndarray:
