@@ -144,6 +144,18 @@ def test_the_list_of_stacks_takes_no_notice_of_label_maps(case, monkeypatch):
     assert notices == []
 
 
+@pytest.mark.parametrize("typed", ["~/results", " results "])
+def test_a_folder_that_is_typed_is_told_with_its_whole_path(case, tmp_path, monkeypatch, typed):
+    for variable in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(variable, str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    case.fitted("bladder")
+    case.ui.exportFolderEdit.currentPath = typed
+    case.ui.exportButton.click()
+    assert (tmp_path / "results" / "bladder.step").is_file()
+    assert case.ui.exportStatusLabel.text == f"Written: {tmp_path / 'results' / 'bladder.step'}"
+
+
 def test_a_separation_that_breaks_is_told(case, monkeypatch, caplog):
     def broken(*arguments):
         raise MemoryError

@@ -9,7 +9,7 @@ from ..meshing.formats import MESH_FORMATS
 from ..mrml.exporting import exportSurfaces, meshArguments
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
-from .widgets import showRow
+from .widgets import folderIn, showRow
 
 # Index of "All fitted organs together" in the combo box; the other entry is the selected organ.
 _ALL = 1
@@ -88,7 +88,7 @@ class ExportSection:
         ui.cancelExportButton.enabled = self.running
 
     def _export(self):
-        folder, suffix = self._ui.exportFolderEdit.currentPath, self._suffix()
+        folder, suffix = folderIn(self._ui.exportFolderEdit), self._suffix()
         if not folder:
             self._show(_("Choose a folder to write to."))
             return

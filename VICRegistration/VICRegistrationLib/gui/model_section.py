@@ -28,7 +28,7 @@ from .fit_section import focusOnce
 from .mesher import Mesher, meshFormats
 from .message_label import MessageLabel
 from .runner import StepRunner
-from .widgets import fitHeight, setUpTable, showPlaceButtons, showRow, signalsBlocked, stopPlacing
+from .widgets import fitHeight, folderIn, setUpTable, showPlaceButtons, showRow, signalsBlocked, stopPlacing
 
 _ORGAN, _IN_TABLE = range(2)
 # The mesh, its elements and their quality; the lines after those are about single groups.
@@ -311,7 +311,7 @@ class ModelSection(VTKObservationMixin):
         showRow(bool(self._meshSuffix()), self._ui.modelMeshSizeLabel, self._ui.modelMeshSizeSlider)
 
     def _export(self):
-        folder, suffix, volumeNode = self._ui.modelFolderEdit.currentPath, self._meshSuffix(), self._volume
+        folder, suffix, volumeNode = folderIn(self._ui.modelFolderEdit), self._meshSuffix(), self._volume
         if not folder:
             self._show(_("Choose a folder to write to."))
             return

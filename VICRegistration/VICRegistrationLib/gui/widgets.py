@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 
 LEAST_ROWS, MOST_ROWS = 2, 6
 # Rows of the list of further stacks that are visible at once.
@@ -137,3 +138,19 @@ def stopPlacing(widget):
     """
     if widget.placeModeEnabled:
         widget.setPlaceModeEnabled(False)
+
+
+def folderIn(pathEdit):
+    """Absolute path of the folder that a user has chosen or typed, so that messages say where files are.
+
+    Parameters
+    ----------
+    pathEdit : ctkPathLineEdit
+
+    Returns
+    -------
+    str
+        With the home folder for "~"; empty if there is none.
+    """
+    typed = pathEdit.currentPath.strip()
+    return os.path.abspath(os.path.expanduser(typed)) if typed else ""
