@@ -161,11 +161,13 @@ class StacksTest(PanelTestCase):
         self.check().click()
         self.fitted("bladder")
         self.table.cellWidget(0, 2).click()
+        # Clones are made in the module Data.
+        self.widget.exit()
         hierarchy = slicer.vtkMRMLSubjectHierarchyNode.GetSubjectHierarchyNode(slicer.mrmlScene)
         clone = slicer.vtkSlicerSubjectHierarchyModuleLogic.CloneSubjectHierarchyItem
         item = clone(hierarchy, hierarchy.GetItemByDataNode(self.stack))
         copy = hierarchy.GetItemDataNode(item)
-        waitFor(lambda: self.table.rowCount == 2)
+        waitFor(lambda: copy.GetParentTransformNode() is not None)
         self.assertIs(copy.GetParentTransformNode(), self.stack.GetParentTransformNode())
 
     def test_aStackIsDeletedMeanwhile(self):
