@@ -144,6 +144,24 @@ def test_the_list_of_stacks_takes_no_notice_of_label_maps(case, monkeypatch):
     assert notices == []
 
 
+@pytest.mark.usefixtures("recorded")
+def test_long_lines_of_a_message_are_shortened_until_all_is_shown():
+    import qt
+
+    from VICRegistrationLib.gui.message_label import MessageLabel
+
+    label = qt.QLabel()
+    message = MessageLabel(label)
+    word, sentence = "x" * 70, "The surface follows no edge. " * 4
+    message.show(f"132.0 ml\n{word}\n{sentence}")
+    lines = label.text.split("<br>")
+    assert lines[:2] == ["132.0 ml", f"{'x' * 58} ..."]
+    assert lines[2] == "The surface follows no edge. The surface follows no edge. ..."
+    assert label.toolTip == f"132.0 ml\n{word}\n{sentence}"
+    label._emit("linkActivated", "#")
+    assert label.text.split("<br>")[1] == word
+
+
 @pytest.mark.parametrize("typed", ["~/results", " results "])
 def test_a_folder_that_is_typed_is_told_with_its_whole_path(case, tmp_path, monkeypatch, typed):
     for variable in ("HOME", "USERPROFILE"):

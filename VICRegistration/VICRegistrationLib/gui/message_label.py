@@ -53,7 +53,8 @@ class MessageLabel:
 
 
 def _shortened(line):
-    """Cut a line at a word, with dots for the rest."""
+    """Cut a line between words, with dots for the rest; within a word if that one fills the line."""
     if len(line) <= _LONGEST_LINE:
         return line
-    return line[: line.rfind(" ", 0, _LONGEST_LINE)].rstrip(" ,;:") + " ..."
+    gap = line.rfind(" ", 0, _LONGEST_LINE)
+    return line[: gap if gap > 0 else _LONGEST_LINE].rstrip(" ,;:") + " ..."
