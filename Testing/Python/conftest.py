@@ -27,6 +27,16 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.skip(reason=f"takes long; set {_LONG_VARIABLE}=1 to run it"))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def kept_regions():
+    """Separate the same organ of an image once where a fit begins with it; tests of separations call them directly."""
+    import quick_fits
+
+    with pytest.MonkeyPatch.context() as patch:
+        quick_fits.keep_regions(patch)
+        yield
+
+
 @pytest.fixture
 def one_net(monkeypatch):
     """Fit without trying a finer net, for tests where any surface does: that takes most of the time."""
@@ -163,6 +173,14 @@ def pelvis():
 
 
 @pytest.fixture(scope="session")
+def pelvis_regions(pelvis):
+    """Separated organs of the demo by name."""
+    from VICRegistrationLib.segmentation import separation
+
+    return {name: separation.separate(pelvis.image, seeds) for name, seeds in pelvis.seeds.items()}
+
+
+@pytest.fixture(scope="session")
 def pelvis_fit(pelvis):
     """Function that fits an organ of the demo with default options, each once."""
     from VICRegistrationLib.registration.organ import fit_organ
@@ -209,21 +227,6 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip("there is no folder ../shared/data of real images beside the project")
     return folder
-
-
-@pytest.fixture(scope="session")
-def separated_bladder(shared_data):
-    """Function that reads a real bladder and separates it from its one seed: the bladder and its region, each once."""
-    from bladders import load_bladder
-
-    from VICRegistrationLib.segmentation.separation import separate
-
-    @functools.cache
-    def separated(name):
-        bladder = load_bladder(name, shared_data / "bladder_mri")
-        return bladder, separate(bladder.image, bladder.seed)
-
-    return separated
 
 
 @pytest.fixture(scope="session")

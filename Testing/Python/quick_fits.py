@@ -1,8 +1,9 @@
-"""Fits that take less time, for tests of what is around them: without finer nets, and run once per process."""
+"""Fits that take less time: regions are kept, and for tests of what is around fits, there are no finer nets."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 # The command line takes functions by their names: it is imported before they are replaced.
 from VICRegistrationLib.cli import fitting, model_fitting  # noqa: F401
 from VICRegistrationLib.multipatch import fit
-from VICRegistrationLib.registration import finer_nets, organ, refit
+from VICRegistrationLib.registration import completion, finer_nets, organ, refit
 from VICRegistrationLib.segmentation import separation
 
 # Results by the digest of the arguments.
@@ -22,20 +23,29 @@ def without_finer_nets(monkeypatch):
     monkeypatch.setattr(finer_nets, "MOST_HALVINGS", 0)
 
 
+def keep_regions(monkeypatch):
+    """Keep the results of separations, which take most of the time of a small fit, wherever a fit begins with one."""
+    separate = _cached(separation.separate)
+    for module in (separation, organ, completion, fitting):
+        monkeypatch.setattr(module, "separate", separate)
+
+
 def cache(monkeypatch):
-    """Keep the results of separations and fits; a fit that was cancelled or failed is not kept."""
-    monkeypatch.setattr(separation, "separate", _cached(separation.separate))
+    """Keep the results of fits; one that was cancelled or failed is not kept."""
     for module, name in ((organ, "fit_region"), (refit, "refit"), (fit, "fit_model")):
         monkeypatch.setattr(module, name, _cached_steps(getattr(module, name)))
 
 
 def _cached(function):
+    @functools.wraps(function)
     def cached(*arguments, **options):
         arguments = [_rounded(value) for value in arguments]
         options = {name: _rounded(value) for name, value in options.items()}
         key = _key(function, arguments, options)
         if key not in _results:
-            _results[key] = function(*arguments, **options)
+            _results[key] = region = function(*arguments, **options)
+            # A test that changed the region would change those of others.
+            region.mask.flags.writeable = False
         return _results[key]
 
     return cached

@@ -14,13 +14,6 @@ from VICRegistrationLib.multipatch.fit import fit_model
 from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.steps import finish
-from VICRegistrationLib.segmentation.separation import separate
-
-
-@pytest.fixture(scope="module")
-def pelvis_regions(pelvis):
-    """Separated organs of the demo."""
-    return {name: separate(pelvis.image, seeds) for name, seeds in pelvis.seeds.items()}
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from reorientation import motion, reordered
 from small_phantom import CENTER
 
 from VICRegistrationLib.imaging.image import Image
-from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation import separation
 
 pytestmark = pytest.mark.usefixtures("cached_fits")
 
@@ -51,7 +51,7 @@ def test_the_segment_lies_on_the_grid_of_the_volume_whatever_its_transform(logic
         under, seed = mrml_scenes.add_nonlinear_transform(spline), spline.TransformPoint(CENTER)
     volume = mrml_scenes.add_volume(under=under)
     organ = logic.addOrgan(volume, seed)
-    expected = separate(mrml_scenes.mri(), CENTER)
+    expected = separation.separate(mrml_scenes.mri(), CENTER)
     np.testing.assert_array_equal(
         mrml_scenes.segment_voxels(organ, volume), expected.in_box((0, 0, 0), mrml_scenes.mri().array.shape)
     )
@@ -122,7 +122,7 @@ def test_a_failed_separation_empties_the_segment_and_only_that(logic, separated)
 
 def test_thresholds_and_erosion_are_suggested(logic):
     organ = logic.addOrgan(mrml_scenes.add_volume(), [CENTER])
-    expected = separate(mrml_scenes.mri(), CENTER)
+    expected = separation.separate(mrml_scenes.mri(), CENTER)
     assert (organ.threshold.minimum, organ.threshold.maximum) == expected.threshold
     assert organ.erosionMm == expected.erosion
     assert organ.thresholdAutomatic

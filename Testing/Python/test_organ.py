@@ -97,7 +97,7 @@ def test_more_seeds_do_no_harm(image, fit):
 
 
 def test_a_segmentation_may_take_the_place_of_the_seeds(image, fit):
-    region = separate(image, SEED)
+    region = fit.region
     mask = np.zeros(image.array.shape, dtype=bool)
     mask[tuple(slice(start, start + n) for start, n in zip(region.offset, region.mask.shape))] = region.mask
     found = finish(fit_region(image, region_from_mask(image, mask)))
@@ -114,8 +114,8 @@ def test_the_region_of_a_leak_is_not_taken_for_the_organ(image):
     assert region.volume_ml == pytest.approx(ellipsoid().volume() / 1000.0, rel=0.1)
 
 
-def test_a_rough_segmentation_is_drawn_to_the_edge(image):
-    region = separate(image, SEED)
+def test_a_rough_segmentation_is_drawn_to_the_edge(image, fit):
+    region = fit.region
     mask = np.zeros(image.array.shape, dtype=bool)
     box = tuple(slice(start, start + n) for start, n in zip(region.offset, region.mask.shape))
     mask[box] = region.mask & np.roll(region.mask, 1, axis=2) & np.roll(region.mask, 1, axis=1)
@@ -289,11 +289,10 @@ def test_a_net_that_is_too_small_is_refused_at_the_first_step(image):
         next(fit_organ(image, SEED, FitOptions(net=(5, 5), closure="paper")))
 
 
-def test_a_region_of_another_image_is_refused(image):
-    region = separate(image, SEED)
+def test_a_region_of_another_image_is_refused(image, fit):
     moved = Image(image.array, image.ijk_to_ras + np.eye(4, k=3) * 5.0)
     with pytest.raises(ValueError, match="does not lie on the image's grid; separate the organ in this image"):
-        next(fit_region(moved, region))
+        next(fit_region(moved, fit.region))
 
 
 def test_a_region_thinner_than_the_edge_is_refused(image):
