@@ -94,6 +94,21 @@ class SeparateTest(PanelTestCase):
         truth = self.phantom.surfaces["bladder"]
         self.assertLess(deviation(surfaceFromModel(self.organ.surface), truth, n_points=2000).mean, 0.3)
 
+    def test_theRegionThatTheUserHasEditedIsChosen(self):
+        self.add("bladder")
+        self.placeSeeds("bladder")
+        regions, segmentId = self.organ.regions, self.organ.regionSegmentId
+        mask = slicer.util.arrayFromSegmentBinaryLabelmap(regions, segmentId, self.volume).copy()
+        mask[:, :, int(np.argwhere(mask)[:, 2].mean()) :] = 0
+        slicer.util.updateSegmentBinaryLabelmapFromArray(mask, regions, segmentId, self.volume)
+        self.ui.sourceCombo.setCurrentIndex(1)
+        self.waitForRegion()
+        self.assertIn("No segment is chosen", self.ui.regionStatusLabel.text)
+        self.ui.segmentSelector.setCurrentNode(regions)
+        self.ui.segmentSelector.setCurrentSegmentID(segmentId)
+        self.waitForRegion()
+        self.assertEqual(self.regionVoxels(), np.count_nonzero(mask))
+
 
 class CorrectTest(PanelTestCase):
     """Boundary points."""

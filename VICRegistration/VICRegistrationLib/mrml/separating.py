@@ -62,7 +62,8 @@ def imageAndRegion(organ, volumeNode):
         image = imageFromVolume(volumeNode)
         region = _regionOf(organ, volumeNode, image)
     except ValueError:
-        if hasSegment(organ) and not _isOwnInput(organ):
+        # A region that the user has edited, to choose it as the segment, is not emptied.
+        if hasSegment(organ) and organ.source is not RegionSource.SEGMENT:
             showRegion(organ.regions, organ.regionSegmentId, None)
         raise
     # One event for all changes: the panel looks at the whole organ at every event.
@@ -90,12 +91,6 @@ def _regionOf(organ, volumeNode, image):
         raise ValueError(_("The organ {name} has no seed. Place a point inside the organ.").format(name=organ.label))
     options = organ.options()
     return separate(image, seeds, threshold=options.threshold, erosion=options.erosion, dilation=options.dilation)
-
-
-def _isOwnInput(organ):
-    """Whether an organ's region, which the user may have edited, is the segment that it is separated by."""
-    own = organ.regions, organ.regionSegmentId
-    return organ.source is RegionSource.SEGMENT and (organ.inputSegmentation, organ.inputSegmentId) == own
 
 
 def _setThreshold(organ, threshold):
