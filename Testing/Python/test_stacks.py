@@ -13,7 +13,9 @@ from VICRegistrationLib.analysis.distances import points_on
 from VICRegistrationLib.imaging.region import Region
 from VICRegistrationLib.registration.completion import completed_region
 from VICRegistrationLib.registration.diagnostics import fit_diagnostics
+from VICRegistrationLib.registration.organ import complete_region
 from VICRegistrationLib.registration.stacks import as_stacks
+from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 
 SEEDS = CENTER[None]
@@ -49,6 +51,12 @@ def error(surface, truth) -> float:
     return float(np.abs(distances_from(surface, points_on(truth, 2000))).mean())
 
 
+def motion_error(motion, truth) -> float:
+    """Mean distance of the true surface's points from where they should be after the axial stack's motion, mm."""
+    off = motion - MOTION
+    return float(np.linalg.norm(points_on(truth, 500) @ off[:3, :3].T + off[:3, 3], axis=1).mean())
+
+
 def test_a_second_stack_that_was_moved_brings_the_surface_nearer_to_the_truth(alone, both, truth):
     # Measured: 0.016 mm, and 0.023 mm from one stack alone.
     assert error(both.surface, truth) < error(alone.surface, truth)
@@ -59,9 +67,7 @@ def test_the_motion_between_stacks_is_found(both, truth):
     (stack,) = both.stacks
     assert stack.used
     assert stack.reason is None
-    points = points_on(truth, 500)
-    off = points @ (stack.motion - MOTION)[:3, :3].T + (stack.motion - MOTION)[:3, 3]
-    assert np.linalg.norm(off, axis=1).mean() < 0.1
+    assert motion_error(stack.motion, truth) < 0.1
     assert np.allclose(stack.translation_mm, [2.0, -1.5, 1.5], atol=0.1)
     assert stack.rotation_degrees == pytest.approx(2.05, abs=0.3)
 
@@ -147,6 +153,13 @@ def test_an_organ_that_the_first_stack_cuts_is_completed_from_another_one(sagitt
     # Alone, the finest stage begins at its best point already: its cost is 0.0005.
     assert [code for code in codes if code != "no_further_step"] == ["reaches_border", "no_edge_at_side"]
     assert fit_diagnostics(cut, found) == []
+
+
+def test_an_organ_is_completed_with_motions_that_were_found_with_the_completed_organ(sagittal, axial, truth):
+    cut = sagittal.crop((0, 0, 0), (9, *sagittal.array.shape[1:]))
+    _, (stack,) = finish(complete_region(cut, separate(cut, SEEDS), vic.FitOptions(), as_stacks([axial]), []))
+    # Measured: 0.17 mm, and 0.47 mm with the surface of the first stack alone.
+    assert motion_error(stack.motion, truth) < 0.3
 
 
 def test_one_stack_alone_or_an_empty_list_take_the_same_way(sagittal, alone):
