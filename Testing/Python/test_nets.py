@@ -52,10 +52,20 @@ def dented():
     return with_dents((17, 11), 13.0)
 
 
-def test_detail_makes_the_net_finer_and_the_reason_is_told(dented):
-    fit = finish(fit_organ(painted(dented), [[0.0, 0.0, 0.0]]))
-    assert fit.options.net == (17, 11)
-    net = choices(fit)["net"]
+@pytest.fixture(scope="module")
+def volume(dented):
+    return painted(dented)
+
+
+@pytest.fixture(scope="module")
+def chosen(volume):
+    """A fit to that organ, whose net is chosen."""
+    return finish(fit_organ(volume, [[0.0, 0.0, 0.0]]))
+
+
+def test_detail_makes_the_net_finer_and_the_reason_is_told(chosen):
+    assert chosen.options.net == (17, 11)
+    net = choices(chosen)["net"]
     assert net.value == "17x11"
     assert net.reasons[0].code == "finer_net_lowered_cost"
     assert net.reasons[0].values["change"] > net.reasons[0].values["explained"]
@@ -74,10 +84,9 @@ def test_noise_alone_is_worth_no_finer_net():
     assert rough > 1.5 * even
 
 
-def test_the_finer_net_keeps_the_smooth_closure(dented):
-    fit = finish(fit_organ(painted(dented), [[0.0, 0.0, 0.0]]))
-    parametrization.closed_organ(fit.surface, closure="smooth")
-    again = finish(refit(painted(dented), fit.surface))
+def test_the_finer_net_keeps_the_smooth_closure(volume, chosen):
+    parametrization.closed_organ(chosen.surface, closure="smooth")
+    again = finish(refit(volume, chosen.surface))
     assert again.options.closure == "smooth"
     assert again.options.net == (17, 11)
 
@@ -113,10 +122,7 @@ def test_nets_are_begun_with_where_halving_spans_leads_to_them(closure):
     assert first_net(None, closure) == (9, 7)
 
 
-def test_a_given_net_is_fitted_as_one_that_was_chosen(dented):
-    volume = painted(dented)
-    chosen = finish(fit_organ(volume, [[0.0, 0.0, 0.0]]))
-    assert chosen.options.net == (17, 11)
+def test_a_given_net_is_fitted_as_one_that_was_chosen(volume, chosen):
     given = finish(fit_organ(volume, [[0.0, 0.0, 0.0]], FitOptions(net=(17, 11))))
     assert choices(given)["net"].reasons == (Diagnostic("option_given"),)
     np.testing.assert_allclose(given.surface.control_net, chosen.surface.control_net, atol=1e-9)

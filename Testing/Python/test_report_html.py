@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from quick_fits import without_finer_nets
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import cli
@@ -322,8 +323,9 @@ def folder(tmp_path_factory):
     config = {"schema": "vic-registration/organs", "version": 1, "organs": organs}
     (place / "organs.json").write_text(json.dumps(config), encoding="utf-8")
     words = ["--config", place / "organs.json", "--reference", place / "truth.json", "--output", place / "out"]
-    # Nobody looks at these pictures.
-    with matplotlib.rc_context({"savefig.dpi": 30}):
+    # Nobody looks at these surfaces and pictures.
+    with pytest.MonkeyPatch.context() as patch, matplotlib.rc_context({"savefig.dpi": 30}):
+        without_finer_nets(patch)
         assert cli.main(["fit", str(place / "mri.nii.gz"), *map(str, words), "--step", "--quiet"]) == 0
     return place
 
