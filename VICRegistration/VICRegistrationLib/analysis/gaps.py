@@ -176,7 +176,7 @@ def _common_volume(
     Every point of its boundary is within the margin, mm, of one of the given points, (n, 3).
     """
     # Along the principal axes, so that the box of a thin overlap is thin.
-    axes = np.linalg.svd(boundary - boundary.mean(axis=0), full_matrices=True)[2]
+    axes = np.linalg.svd(boundary - boundary.mean(axis=0), full_matrices=len(boundary) < 3)[2]
     box, middle = Box.around(boundary, axes, margin=margin), np.mean(deepest.points, axis=0)
     for _ in range(_MAX_SHRINKINGS):
         chords = (max(_CHORD_ERROR * box.lengths.min(), _LEAST_CHORD_ERROR * surface.size) for surface in surfaces)
