@@ -56,9 +56,9 @@ def cached_fits(one_net, monkeypatch):
 @pytest.fixture
 def few_points(monkeypatch):
     """Compare surfaces by a tenth of the usual points, for tests of what is around a comparison."""
-    from VICRegistrationLib.analysis.comparison import compare
+    import quick_fits
 
-    monkeypatch.setitem(compare.__kwdefaults__, "n_points", 1000)
+    quick_fits.compare_few_points(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +173,17 @@ def pelvis():
 
 
 @pytest.fixture(scope="session")
+def near_pelvis(pelvis):
+    """The same with the voxels around its organs alone: a scene takes a quarter of the time for them."""
+    import dataclasses
+
+    depth, rows, columns = pelvis.image.array.shape
+    return dataclasses.replace(
+        pelvis, image=pelvis.image.crop((0, rows // 4, columns // 4), (depth, 3 * rows // 4, 3 * columns // 4))
+    )
+
+
+@pytest.fixture(scope="session")
 def pelvis_regions(pelvis):
     """Separated organs of the demo by name."""
     from VICRegistrationLib.segmentation import separation
@@ -282,17 +293,17 @@ def logic(slicer_module):
 
 
 @pytest.fixture
-def demo_volume(logic, pelvis):
+def demo_volume(logic, near_pelvis):
     """The demo's MRI in the scene, with seeds of bladder and vagina; nothing is separated yet."""
     import mrml_scenes
 
     from VICRegistrationLib.mrml.organ_nodes import seedsOf
     from VICRegistrationLib.mrml.points import addPoints
 
-    node = mrml_scenes.add_volume(pelvis.image)
+    node = mrml_scenes.add_volume(near_pelvis.image)
     logic.getParameterNode().volume = node
     for name in ("bladder", "vagina"):
-        addPoints(seedsOf(logic.organs().add(name), node), pelvis.seeds[name])
+        addPoints(seedsOf(logic.organs().add(name), node), near_pelvis.seeds[name])
     return node
 
 

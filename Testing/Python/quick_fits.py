@@ -8,6 +8,8 @@ import hashlib
 
 import numpy as np
 
+from VICRegistrationLib.analysis.comparison import compare
+
 # The command line takes functions by their names: it is imported before they are replaced.
 from VICRegistrationLib.cli import fitting, model_fitting  # noqa: F401
 from VICRegistrationLib.multipatch import fit
@@ -21,6 +23,11 @@ _results = {}
 def without_finer_nets(monkeypatch):
     """Keep the first net where none is asked for: to try finer ones takes most of a fit's time."""
     monkeypatch.setattr(finer_nets, "MOST_HALVINGS", 0)
+
+
+def compare_few_points(monkeypatch):
+    """Compare surfaces by a tenth of the usual points."""
+    monkeypatch.setitem(compare.__kwdefaults__, "n_points", 1000)
 
 
 def keep_regions(monkeypatch):

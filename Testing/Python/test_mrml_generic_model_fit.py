@@ -61,8 +61,8 @@ def test_points_on_the_wall_are_said_not_to_be_used(fit_model, logic, demo_volum
     assert "vagina: the fit of a model does not use its boundary points." in lines
 
 
-def test_organs_are_fitted_to_further_stacks(fit_model, logic, demo_volume, model_nodes, pelvis):
-    brighter = dataclasses.replace(pelvis.image, array=pelvis.image.array + 1)
+def test_organs_are_fitted_to_further_stacks(fit_model, logic, demo_volume, model_nodes, near_pelvis):
+    brighter = dataclasses.replace(near_pelvis.image, array=near_pelvis.image.array + 1)
     logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(brighter, name="again")]
     found = fit_model()
     # The same image a second time, brighter, for the very same would be refused: nothing has moved.
@@ -74,15 +74,15 @@ def test_organs_are_fitted_to_further_stacks(fit_model, logic, demo_volume, mode
     assert re.search(r"bladder 0\.0 mm, 0\.[01] degrees in again", model_nodes.messageOf(demo_volume))
 
 
-def test_a_stack_under_a_transform_that_bends_is_left_out(fit_model, logic, demo_volume, model_nodes, pelvis):
+def test_a_stack_under_a_transform_that_bends_is_left_out(fit_model, logic, demo_volume, model_nodes, near_pelvis):
     bent = mrml_scenes.add_nonlinear_transform(mrml_scenes.thin_plate_spline())
-    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(pelvis.image, name="bent", under=bent)]
+    logic.getParameterNode().furtherStacks = [mrml_scenes.add_volume(near_pelvis.image, name="bent", under=bent)]
     assert fit_model().organs["bladder"].stacks == ()
     assert "The stack bent was left out." in model_nodes.messageOf(demo_volume)
 
 
-def test_a_stack_is_deleted_meanwhile(logic, steps, pelvis, scene):
-    stack = mrml_scenes.add_volume(pelvis.image, name="again")
+def test_a_stack_is_deleted_meanwhile(logic, steps, near_pelvis, scene):
+    stack = mrml_scenes.add_volume(near_pelvis.image, name="again")
     logic.getParameterNode().furtherStacks = [stack]
     running = steps()
     run_until(running, "vagina: separating")
@@ -163,8 +163,8 @@ def test_the_volume_is_deleted_meanwhile(steps, demo_volume, scene):
         next(running)
 
 
-def test_the_lines_for_the_python_console(slicer_module, pelvis, monkeypatch, capsys):
-    monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
+def test_the_lines_for_the_python_console(slicer_module, near_pelvis, monkeypatch, capsys):
+    monkeypatch.setattr("VICRegistrationLib.mrml.samples.phantom", lambda: near_pelvis)
     page = (Path(__file__).resolve().parents[2] / "docs" / "generic-model.md").read_text(encoding="utf-8")
     (block,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "fitModel" in block)
     exec(block, {})

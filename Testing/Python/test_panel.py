@@ -20,15 +20,15 @@ FILES = sorted(path.stem for path in FOLDER.glob("*_tests.py"))
 
 
 @pytest.fixture
-def panelTests(recorded, slicer_module, pelvis, monkeypatch):
-    """The modules of the self tests by name, with the demo's MRI as it is painted for other tests too.
+def panelTests(recorded, slicer_module, near_pelvis, monkeypatch):
+    """The modules of the self tests by name, with the demo's MRI around its organs.
 
     A round of the event loop takes one step of a fit: a kept fit would end within one slice of time on a fast machine.
     """
     from VICRegistrationLib.gui import runner
 
     monkeypatch.setattr(runner, "SLICE_S", 0.0)
-    monkeypatch.setattr("VICRegistrationLib.phantoms.pelvis.pelvis_phantom", lambda: pelvis)
+    monkeypatch.setattr("VICRegistrationLib.mrml.samples.phantom", lambda: near_pelvis)
     monkeypatch.syspath_prepend(str(FOLDER))
     for name in ("panel_case", *FILES):
         sys.modules.pop(name, None)

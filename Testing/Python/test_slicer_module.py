@@ -17,11 +17,12 @@ SELF_TESTS = ("test_fit", "test_refit", "test_furtherStack", "test_sceneBundle",
 
 
 @pytest.fixture
-def python(slicer_module, monkeypatch):
-    """The Python module of the module file; what several of its tests fit is fitted once."""
+def python(slicer_module, near_pelvis, monkeypatch):
+    """The Python module of the module file; what several of its tests paint or fit is painted or fitted once."""
     import quick_fits
 
     quick_fits.cache(monkeypatch)
+    monkeypatch.setattr("VICRegistrationLib.mrml.samples.phantom", lambda: near_pelvis)
     return sys.modules["VICRegistration"]
 
 
