@@ -199,8 +199,8 @@ def test_a_wall_far_off_is_moved_as_a_whole_and_does_not_fold(image):
         assert found.problems == ()
         assert np.abs(boundary_deviations(found.surface, points)).max() < 0.5
         distances = np.abs(closest_points(found.surface, truth).distances)
-    # Measured: 0.51 of it after eight points, 0.42 after ten.
-    assert distances.mean() < 0.5 * before.mean()
+    # Measured: 0.42 of it, and 0.61 where the surface is not deformed through the points before the fit.
+    assert distances.mean() < 0.45 * before.mean()
 
 
 # ------------------------------------------------------------------ points that change nothing, or little
