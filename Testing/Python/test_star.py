@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
+from VICRegistrationLib.segmentation import star_surface
 from VICRegistrationLib.segmentation.edge_support import area_without_edge, edge_support
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.sphere import cheapest_radii, smoothed, sphere
@@ -199,6 +200,30 @@ def test_a_dim_patch_under_the_click_is_not_the_organ(ball):
     assert differ.values["taken_ml"] == differ.values["shaped_ml"] == pytest.approx(region.volume_ml)
     assert f"The one of {region.volume_ml:.1f} ml was taken" in differ.sentence()
     assert dice(region, truth) > 0.97
+
+
+@pytest.mark.parametrize("step_mm", [0.375, 1.5])
+def test_the_spacing_of_samples_changes_a_shape_little(monkeypatch, step_mm):
+    """Urine darkens over 8 mm; that is no edge, however finely the rays are sampled."""
+    (_, j, _), radius = places(), np.linalg.norm(places(), axis=0)
+    urine = 150.0 - 90.0 * np.clip((j - 6.0) / 8.0, 0.0, 1.0)
+    image = image_of(np.where(radius < RADIUS, urine, np.where(radius < RADIUS + WALL_MM, 30.0, 110.0)))
+    monkeypatch.setattr(star_surface, "_STEP_MM", step_mm)
+    region, _ = shaped_region(image, np.zeros((1, 3)))
+    assert dice(region, radius < RADIUS) > 0.98
+
+
+@pytest.mark.parametrize("least_mm", [7.5, 15.0, 17.5])
+def test_a_bright_spot_under_the_click_is_not_the_organ_though_the_wall_is_nearer_than_the_least_radius(
+    ball, monkeypatch, least_mm
+):
+    image, truth = ball
+    k, j, i = places()
+    spot = k**2 + j**2 + (i + 14.0) ** 2 < 4.0**2
+    monkeypatch.setattr(star_surface, "_LEAST_MM", least_mm)
+    region, star = shaped_region(Image(image.array + 50.0 * spot, image.ijk_to_ras), np.array([[-14.0, 0.0, 0.0]]))
+    assert star.radii.min() > RADIUS - 2.0
+    assert dice(region, truth) > 0.98
 
 
 def test_a_dark_band_at_the_wall_with_fat_behind_it_belongs_to_the_organ(ball):
