@@ -33,7 +33,7 @@ def test_the_segment_shows_the_voxels_of_the_region_on_every_grid(logic, separat
     matrix = motion(40, (1, 2, -1), (10, -5, 3))
     image = mrml_scenes.oblique(reordered(mrml_scenes.mri(), order, flips), matrix)
     volume = mrml_scenes.add_volume(image)
-    organ = logic.addOrgan(volume, CENTER @ matrix[:3, :3].T + matrix[:3, 3])
+    organ = logic.addOrgan(volume, CENTER @ matrix[:3, :3].T + matrix[:3, 3], (600, 1000), erosion=2.0)
     region, _warnings = separated(organ, volume)
     found = mrml_scenes.segment_voxels(organ, volume)
     np.testing.assert_array_equal(found, region.in_box((0, 0, 0), image.array.shape))

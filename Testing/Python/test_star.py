@@ -39,6 +39,12 @@ def ball():
     return image_of(levels), radius < RADIUS
 
 
+@pytest.fixture(scope="module")
+def star(ball):
+    """What is found around the middle of the ball."""
+    return find_star(ball[0], np.zeros(3))
+
+
 def cost_of_radii(ball, costs, prices, radii):
     slopes = prices * np.square(radii[ball.first] - radii[ball.second])
     return costs[np.arange(len(radii)), radii].sum() + slopes.sum() / 2.0
@@ -293,9 +299,8 @@ def test_a_blob_with_little_of_an_edge_is_no_organ_though_its_contrast_is_large(
         separate(image, [0.0, 0.0, 0.0])
 
 
-def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball):
+def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball, star):
     image, truth = ball
-    star = find_star(image, np.zeros(3))
     supports = [
         edge_support(image, region_from_mask(image, mask), star)
         for mask in (truth, ndimage.binary_erosion(truth), ndimage.binary_dilation(truth))
@@ -305,8 +310,7 @@ def test_a_boundary_has_the_same_support_a_voxel_farther_in_or_out(ball):
 
 
 @pytest.mark.parametrize("radius", [10.0, RADIUS])
-def test_the_area_without_an_edge_does_not_depend_on_the_size(ball, radius):
-    star = find_star(ball[0], np.zeros(3))
+def test_the_area_without_an_edge_does_not_depend_on_the_size(ball, star, radius):
     nothing = image_of(np.full_like(ball[0].array, 100.0), noise=0.0)
     mask = np.linalg.norm(places(), axis=0) < radius
     # Faces of voxels have 1.5 times the area of a ball.
@@ -326,9 +330,8 @@ def test_lobes_count_even_where_they_have_an_edge(ball):
     assert areas[0] < areas[1]
 
 
-def test_the_right_boundary_has_more_support_than_a_fragment(ball):
+def test_the_right_boundary_has_more_support_than_a_fragment(ball, star):
     image, truth = ball
-    star = find_star(image, np.zeros(3))
     whole = star_region(image, star)
     fragment = separate(image, [0.0, 0.0, 0.0], threshold=(149.0, 160.0), erosion=0.0)
     assert edge_support(image, whole, star) > 0.9
