@@ -214,7 +214,7 @@ def test_the_spacing_of_samples_changes_a_shape_little(monkeypatch, step_mm):
     (_, j, _), radius = places(), np.linalg.norm(places(), axis=0)
     urine = 150.0 - 90.0 * np.clip((j - 6.0) / 8.0, 0.0, 1.0)
     image = image_of(np.where(radius < RADIUS, urine, np.where(radius < RADIUS + WALL_MM, 30.0, 110.0)))
-    monkeypatch.setattr(star_surface, "_STEP_MM", step_mm)
+    monkeypatch.setattr(star_surface, "STEP_MM", step_mm)
     region, _ = shaped_region(image, np.zeros((1, 3)))
     assert dice(region, radius < RADIUS) > 0.98
 
@@ -226,7 +226,7 @@ def test_a_bright_spot_under_the_click_is_not_the_organ_though_the_wall_is_neare
     image, truth = ball
     k, j, i = places()
     spot = k**2 + j**2 + (i + 14.0) ** 2 < 4.0**2
-    monkeypatch.setattr(star_surface, "_LEAST_MM", least_mm)
+    monkeypatch.setattr(star_surface, "LEAST_MM", least_mm)
     region, star = shaped_region(Image(image.array + 50.0 * spot, image.ijk_to_ras), np.array([[-14.0, 0.0, 0.0]]))
     assert star.radii.min() > RADIUS - 2.0
     assert dice(region, truth) > 0.98

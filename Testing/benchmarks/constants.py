@@ -18,7 +18,7 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
         (star_surface, name)
         for name in (
             *("STEP_SHARE", "_SHADING_CHANGE", "_NOISE_CHANGE", "_CROSSED_WEIGHT", "_RISE_WEIGHT", "_SMOOTHNESS"),
-            *("_BORDER_WEIGHT", "_SHADING", "_LEAST_STEP", "_SHAPE_SMOOTHNESS", "_STEP_MM", "_BLUR_MM"),
+            *("_BORDER_WEIGHT", "_SHADING", "_LEAST_STEP", "_SHAPE_SMOOTHNESS", "STEP_MM", "_BLUR_MM"),
             *("_VOXEL_MM", "EDGE_STRENGTH"),
         )
     ),

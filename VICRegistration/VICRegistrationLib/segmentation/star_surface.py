@@ -19,7 +19,7 @@ from .sphere import between, cheapest_radii, smoothed, sphere
 
 # Distance between samples along a ray, and length of the rays. With samples 0.375 or 1.5 mm apart the Dice coefficient
 # of the star-shaped region changes by at most 0.01 in three hard bladders (IM0228, IM0952, IM1383).
-_STEP_MM, _LONGEST_MM = 0.75, 100.0
+STEP_MM, _LONGEST_MM = 0.75, 100.0
 # The image is cropped to this distance from the seed: the centre of a long organ is far from a seed at its end.
 _REACH_MM = 1.5 * _LONGEST_MM
 # The radii to choose from begin here, each is longer than the one before by this ratio, and those of neighbouring rays
@@ -63,7 +63,7 @@ _CONVERGED_MM, _MOST_SEARCHES = 1.0, 10
 # one, and of both surfaces the one of less cost is taken. A surface of the second search is found once more around its
 # centroid with all radii, because the organ's wall may be nearer to the seed. For ten clicks that need the second
 # search, in IM0228 and IM1523, plain and changed, 8 to 30 mm find the bladder, and 5.5 mm misses it twice.
-_SMALL_MM, _LEAST_MM = 30.0, 15.0
+_SMALL_MM, LEAST_MM = 30.0, 15.0
 # A seed that lies outside of the surface by at most this counts as inside.
 _SEED_TOLERANCE_MM = 2.0
 # The last two searches measure slopes from a smooth shape: spherical harmonics up to this degree, fitted to the
@@ -206,7 +206,7 @@ class _Search:
 
         Slopes are measured from those of a smooth shape with radii (n,), mm, if one is given.
         """
-        radii = np.arange(_STEP_MM / 2.0, _LONGEST_MM, _STEP_MM)
+        radii = np.arange(STEP_MM / 2.0, _LONGEST_MM, STEP_MM)
         directions = sphere().directions @ self.axes.T
         rays = self.rays(center, directions, np.tile(radii, (len(directions), 1)))
         costs, strengths = rays.costs(bright, self.wall)
@@ -227,7 +227,7 @@ class _Search:
         for bright in (True, False):
             found.append(self.repeated(seed, bright=bright))
             if found[-1].radii.max() < _SMALL_MM:
-                larger = self.repeated(seed, bright=bright, shortest=_LEAST_MM)
+                larger = self.repeated(seed, bright=bright, shortest=LEAST_MM)
                 found.append(larger)
                 if larger.cost <= min(star.cost for star in found):
                     again = self.repeated(larger.center, bright=bright)
@@ -270,14 +270,14 @@ class _Search:
         directions = ball.directions @ self.axes.T
         # Before they are turned: many are equally near to others, and rounding errors would choose among them.
         radii = between(sphere().directions, star.radii, ball.directions)
-        inner = int(np.ceil(radii.max() / _STEP_MM))
+        inner = int(np.ceil(radii.max() / STEP_MM))
         count = _samples(_NEAR_MM)
-        steps = _STEP_MM * np.arange(-inner, count + _samples(_LATER_MM[1]) + 1)
-        rays = self.rays(star.center, directions, np.maximum(radii[:, None] + steps, _STEP_MM / 2.0))
+        steps = STEP_MM * np.arange(-inner, count + _samples(_LATER_MM[1]) + 1)
+        rays = self.rays(star.center, directions, np.maximum(radii[:, None] + steps, STEP_MM / 2.0))
         costs, strengths = rays.costs(star.bright, self.wall)
         near = slice(max(inner - count, 0), inner + count + 1)
-        slopes = 2.0 * _STEP_MM / ((radii[ball.first] + radii[ball.second]) * ball.angles)
-        shape = (_shape(star, directions) - radii) / _STEP_MM
+        slopes = 2.0 * STEP_MM / ((radii[ball.first] + radii[ball.second]) * ball.angles)
+        shape = (_shape(star, directions) - radii) / STEP_MM
         best = cheapest_radii(
             ball, costs[:, near], slopes, smoothness=_SHAPE_SMOOTHNESS, most_apart=_MOST_APART, shape=shape
         )
@@ -322,7 +322,7 @@ class _Rays:
         for ray in np.unique(rays):
             of_ray = rays == ray
             aside = distances[of_ray] * np.sqrt(np.maximum(1.0 - cosines[ray, of_ray] ** 2, 0.0))
-            missed = np.abs(self.radii[ray, :, None] - distances[of_ray]) > _STEP_MM + _WALL_SLOPE * aside
+            missed = np.abs(self.radii[ray, :, None] - distances[of_ray]) > STEP_MM + _WALL_SLOPE * aside
             cost[ray] = _EXCLUDED_COST * missed.all(axis=1)
         return cost
 
@@ -358,7 +358,7 @@ def _crossed(levels: np.ndarray, valid: np.ndarray, contrast: float, scales: np.
     samples, lag = np.arange(levels.shape[1]), _samples(_CHANGE_MM)
     apart = lag * scales
     changes = np.abs(levels - np.take_along_axis(levels, np.maximum(samples - apart, 0), axis=1))
-    slow = max(_SHADING_CHANGE * lag * _STEP_MM * contrast, _NOISE_CHANGE * noise_of(changes[valid]))
+    slow = max(_SHADING_CHANGE * lag * STEP_MM * contrast, _NOISE_CHANGE * noise_of(changes[valid]))
     return _before(np.cumsum(np.maximum(changes - slow, 0.0) / apart, axis=1) / contrast, scales)
 
 
@@ -377,7 +377,7 @@ def _before(sums: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 def _samples(distance: float) -> int:
     """Return the number of samples in a distance, mm, at least 1; negative for a negative distance."""
-    return int(np.copysign(max(np.rint(abs(distance) / _STEP_MM), 1.0), distance))
+    return int(np.copysign(max(np.rint(abs(distance) / STEP_MM), 1.0), distance))
 
 
 def _means(levels: np.ndarray, distances: tuple[float, float], scales: np.ndarray) -> np.ndarray:
