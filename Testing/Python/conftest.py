@@ -29,7 +29,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session", autouse=True)
 def kept_regions():
-    """Separate the same organ of an image once where a fit begins with it; tests of separations call them directly."""
+    """Separate the same organ of an image once where a fit begins with it; tests of separations do without this."""
     import quick_fits
 
     with pytest.MonkeyPatch.context() as patch:

@@ -44,6 +44,8 @@ def cache(monkeypatch):
 
 
 def _cached(function):
+    """Keep the regions that a function returns, by its arguments."""
+
     @functools.wraps(function)
     def cached(*arguments, **options):
         arguments = [_rounded(value) for value in arguments]

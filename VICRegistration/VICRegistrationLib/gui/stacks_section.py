@@ -38,6 +38,7 @@ class StacksSection(VTKObservationMixin):
         self._onChanged, self._onCame, self._onMoved = onChanged, onCame, onMoved
         self._organs = self._own = None
         self._listed, self._records, self._moves = [], {}, VTKObservationMixin()
+        # IDs of volumes that were added to the scene and may be copies of an aligned stack.
         self._added = []
         setUpTable(self._table, ["", "", ""], wide=_NAME)
         self._table.horizontalHeader().setVisible(False)

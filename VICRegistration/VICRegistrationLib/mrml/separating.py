@@ -62,7 +62,7 @@ def imageAndRegion(organ, volumeNode):
         image = imageFromVolume(volumeNode)
         region = _regionOf(organ, volumeNode, image)
     except ValueError:
-        # A region that the user has edited, to choose it as the segment, is not emptied.
+        # With a segment as source, the organ's own region may hold the user's edit, and is not emptied.
         if hasSegment(organ) and organ.source is not RegionSource.SEGMENT:
             showRegion(organ.regions, organ.regionSegmentId, None)
         raise

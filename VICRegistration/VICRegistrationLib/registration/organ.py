@@ -183,7 +183,7 @@ def complete_region(
         With the motions that were found.
     """
     whole = region
-    for prefix in ("first stack alone, ", "first stack alone, completed, "):
+    for prefix in ("first stack alone, ", "first stack alone, completed region, "):
         model, schedule, frame = _planned(image, whole, options)
         start = yield from recorded(_started(model, schedule, prefix), history, local_to_ras=frame)
         joint = JointStacks(stacks, frame)

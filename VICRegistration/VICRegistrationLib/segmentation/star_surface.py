@@ -32,10 +32,10 @@ _BLUR_MM = 0.5
 # for shading, and this share of it is subtracted from the step.
 _BEFORE_MM, _BEHIND_MM, _EARLIER_MM, _LATER_MM = (-2.25, -0.75), (0.75, 1.5), (-6.0, -3.75), (3.75, 6.0)
 _SHADING = 0.5
-# Thick slices blur an edge. So the distances above are larger along rays across the slices: by the length of a voxel
-# along the ray in units of this one, rounded. In seven bladders resampled to slices of 2.5 to 4 mm,
-# axial and sagittal, the mean Dice coefficient of the region is 0.910 without this, 0.954 with it, 0.935 with half and
-# 0.919 with twice this number.
+# Thick slices blur an edge. So the distances above are multiplied by the length of a voxel along the ray over this
+# length, mm, rounded to a whole number of at least 1. In seven bladders resampled to slices of 2.5 to 4 mm, axial and
+# sagittal, the mean Dice coefficient of the region is 0.910 without this, 0.954 with it, 0.935 with half and 0.919 with
+# twice this length.
 _VOXEL_MM = 1.125
 # A step of this share of the contrast has an edge strength of tanh(1), three quarters of the largest.
 STEP_SHARE = 0.4
