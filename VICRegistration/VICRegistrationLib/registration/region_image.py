@@ -43,6 +43,18 @@ class RegionImage:
         return Sampler(self.distance)
 
     @cached_property
+    def boundary(self) -> np.ndarray:
+        """Points of the region's boundary, evenly spread over its area, (m, 3) mm in the organ's frame."""
+        half = 0.5 * self.distance.spacing.min()
+        near = np.abs(self.distance.array) < half
+        centers = self.distance.to_ras(np.argwhere(near)[:, ::-1].astype(float))
+        values, gradients, _ = self.sampler.values_and_gradients(centers)
+        slopes = np.linalg.norm(gradients, axis=1)
+        # The layer of voxels is one voxel thick also at edges of the region, where the image is less steep.
+        kept = np.abs(values) < half * slopes
+        return centers[kept] - (values[kept] / slopes[kept] ** 2)[:, None] * gradients[kept]
+
+    @cached_property
     def volume(self) -> float:
         """Volume of the region, mm^3."""
         return float(np.count_nonzero(self.distance.array < 0.0)) * self.distance.voxel_volume

@@ -193,7 +193,14 @@ class Schedule:
         tolerance = self._patience[0] * 3.0 * self.options.tolerance
         coarseness = float(np.mean(np.sum(self.voxel**2, axis=0))) / ball_radius(self.region.volume) ** 2
         bending = 0.0 if self.options.smoothness == 0.0 else REGION_BENDING * coarseness
-        return Stage("region", reach=0.02, bending=bending, tolerance=tolerance, **self._on_region)
+        return Stage(
+            "region",
+            reach=0.02,
+            bending=bending,
+            tolerance=tolerance,
+            boundary=self.region.boundary,
+            **self._on_region,
+        )
 
     @property
     def coarse(self) -> Stage:

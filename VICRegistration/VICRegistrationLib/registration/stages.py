@@ -10,6 +10,7 @@ import numpy as np
 from ..geometry.surface import BSplineSurface
 from ..imaging.sampling import Sampler
 from .cost import Correlation, Objective
+from .region_boundary import BoundaryCost
 from .sample_grid import Frame, SampledSurface
 from .solvers import SOLVERS, Iterate
 from .virtual_image import VirtualImage
@@ -106,6 +107,9 @@ class Stage:
         Largest displacement of a control point in one iteration, mm.
     further : tuple of FurtherImage
         Further images of the same surface.
+    boundary : (m, 3) ndarray, optional
+        Points of a region's boundary, mm in the frame of the surface: their mean squared distance from the surface is
+        added to the cost, in units of the difference of the levels.
     """
 
     name: str
@@ -124,6 +128,7 @@ class Stage:
     max_iterations: int = 50
     largest_step: float = 10.0
     further: tuple[FurtherImage, ...] = ()
+    boundary: np.ndarray | None = None
 
     def correlation(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> Correlation:
         """Make the correlation of a surface with the first image; `share` are factors of the lines' weights."""
@@ -146,7 +151,10 @@ class Stage:
         """Make the objective of this stage for the degrees of freedom of a surface."""
         first, *others = correlations = self.correlations(surface)
         energies = first.energies(bending=self.bending, sliding=self.sliding, anchor=self.anchor, others=others)
-        return Objective(correlations, stiffness=energies)
+        if self.boundary is None:
+            return Objective(correlations, stiffness=energies)
+        unit = self.virtual.profile.outside - self.virtual.profile.inside
+        return Objective((*correlations, BoundaryCost(self.boundary, surface, unit)), stiffness=energies)
 
     def cost_of(self, surface: SampledSurface, other: BSplineSurface) -> float:
         """Cost of another surface that the degrees of freedom reach, in all images, with the levels of `surface`."""

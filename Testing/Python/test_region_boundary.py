@@ -1,0 +1,91 @@
+"""The boundary of a region as points that are to lie on the surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_region_image import ball_region, frame
+
+from VICRegistrationLib.geometry.models import closed_organ
+from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.moments import moments
+from VICRegistrationLib.imaging.region import Region, region_from_mask
+from VICRegistrationLib.registration.nets import sampled
+from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.region_boundary import BoundaryCost
+from VICRegistrationLib.registration.region_image import region_image
+from VICRegistrationLib.registration.schedule import Schedule
+from VICRegistrationLib.registration.stages import Step, last_step
+from VICRegistrationLib.registration.steps import finish
+
+SPACING_MM = 1.5
+RADIUS_MM = 25.0
+# A rod of this radius goes from the top of the ball to its centre.
+ROD_MM = 6.0
+
+
+def ball_with_dent() -> tuple[Image, Region]:
+    """Voxels of a ball that a rod enters, as a papillary tumour does: a dent that is deeper than wide."""
+    image = Image(np.zeros((50, 50, 50)), np.diag([SPACING_MM] * 3 + [1.0]))
+    k, j, i = SPACING_MM * (np.indices((50, 50, 50)) - 24.5)
+    inside = (i**2 + j**2 + k**2 < RADIUS_MM**2) & ~((i**2 + j**2 < ROD_MM**2) & (k > 0.0))
+    return Image(np.where(inside, 100.0, 0.0), image.ijk_to_ras), region_from_mask(image, inside)
+
+
+def on_region(*, boundary: bool) -> tuple[Step, np.ndarray]:
+    """Fit to the region alone with 17x11 control points; returns the last step and points of the region's boundary."""
+    image, region = ball_with_dent()
+    pose = moments(region)
+    schedule = Schedule.of_region(image, region, pose, FitOptions(net=(17, 11)))
+    points = schedule.region.boundary
+    stage = schedule.on_region if boundary else replace(schedule.on_region, boundary=None)
+    ball = sampled(closed_organ((17, 11), axes=np.eye(3) * RADIUS_MM), "smooth")
+    return finish(last_step(stage, ball)), points
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.6, 0.6, 3.0)])
+def test_boundary_points_lie_on_the_boundary_evenly(spacing):
+    image = region_image(ball_region(spacing), frame(), margin=8.0)
+    points, step = image.boundary, image.distance.spacing[0]
+    radii = np.linalg.norm(points, axis=1)
+    assert radii.mean() == pytest.approx(15.0, abs=0.15 * step)
+    assert len(points) == pytest.approx(4.0 * np.pi * 15.0**2 / step**2, rel=0.15)
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.1 * step + 0.05 * max(spacing))
+
+
+def test_the_derivatives_are_those_of_the_cost():
+    organ = sampled(closed_organ((9, 7), axes=np.diag([15.0, 11.0, 20.0])), "smooth")
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(300, 3)) * [15.0, 11.0, 20.0] / 1.5
+    cost = BoundaryCost(points, organ, 40.0)
+    q = 0.5 * rng.normal(size=organ.n_dof)
+    cost.refresh(q)
+    samples, direction = cost.sample(q), rng.normal(size=organ.n_dof)
+    there, back = (cost.sample(q + step * direction).cost for step in (1e-3, -1e-3))
+    assert 2.0 * cost.gradient(samples) @ direction == pytest.approx((there - back) / 2e-3, rel=1e-6)
+    # The cost is a quadratic function until it is refreshed.
+    curvature = (there - 2.0 * samples.cost + back) / 1e-6
+    assert 2.0 * direction @ (cost.hessian(samples) @ direction) == pytest.approx(curvature, rel=1e-3)
+
+
+def test_the_cost_is_the_mean_squared_distance():
+    ball = sampled(closed_organ((9, 7), axes=np.eye(3) * 20.0), "smooth")
+    directions = np.random.default_rng(1).normal(size=(200, 3))
+    points = 23.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    cost = BoundaryCost(points, ball, 2.0)
+    q = np.zeros(ball.n_dof)
+    cost.refresh(q)
+    assert cost.sample(q).cost == pytest.approx((3.0 / 2.0) ** 2, rel=0.1)
+
+
+def test_the_surface_follows_a_dent_that_is_deeper_than_wide():
+    with_boundary, points = on_region(boundary=True)
+    without, _ = on_region(boundary=False)
+    # The floor of the dent lies at the ball's centre, which is 12 mm from any other part of the boundary.
+    floor = points[np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0), axis=1) < 0.5 * ROD_MM]
+    assert len(floor)
+    away = [np.abs(closest_points(step.surface, points).distances).mean() for step in (with_boundary, without)]
+    assert away[0] < 0.6 * away[1]
