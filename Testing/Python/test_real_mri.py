@@ -95,7 +95,7 @@ def test_smoothed_triangles_of_the_same_region_are_rougher(load, name):
 
 def test_a_bladder_in_fat_does_not_leak(load):
     bladder = load("full_p5")
-    assert bladder.measured.distances.maximum <= 5.0
+    assert bladder.measured.distances.maximum <= 6.0
     assert bladder.fit.region.volume_ml == pytest.approx(bladder.volume_ml, rel=0.15)
     assert bladder.fit.region.touches_border == ()
 

@@ -40,7 +40,7 @@ def on_region(*, boundary: bool) -> tuple[Step, np.ndarray]:
     image, region = ball_with_dent()
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, FitOptions(net=(17, 11)))
-    points = schedule.region.boundary
+    points, _ = schedule.region.boundary
     stage = schedule.on_region if boundary else replace(schedule.on_region, boundary=None)
     ball = sampled(closed_organ((17, 11), axes=np.eye(3) * RADIUS_MM), "smooth")
     return finish(last_step(stage, ball)), points
@@ -49,18 +49,20 @@ def on_region(*, boundary: bool) -> tuple[Step, np.ndarray]:
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.6, 0.6, 3.0)])
 def test_boundary_points_lie_on_the_boundary_evenly(spacing):
     image = region_image(ball_region(spacing), frame(), margin=8.0)
-    points, step = image.boundary, image.distance.spacing[0]
-    radii = np.linalg.norm(points, axis=1)
-    assert radii.mean() == pytest.approx(15.0, abs=0.15 * step)
-    assert len(points) == pytest.approx(4.0 * np.pi * 15.0**2 / step**2, rel=0.15)
-    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.1 * step + 0.05 * max(spacing))
+    (points, areas), step = image.boundary, image.distance.spacing[0]
+    assert areas @ np.linalg.norm(points, axis=1) / areas.sum() == pytest.approx(15.0, abs=0.15 * step)
+    assert step**2 * areas.sum() == pytest.approx(4.0 * np.pi * 15.0**2, rel=0.12)
+    np.testing.assert_allclose(areas @ points / areas.sum(), 0.0, atol=0.1 * step + 0.05 * max(spacing))
+    # The same area in each direction.
+    spread = (areas * (points / 15.0).T ** 2).sum(axis=1) / areas.sum()
+    np.testing.assert_allclose(spread, 1.0 / 3.0, atol=0.03)
 
 
 def test_the_derivatives_are_those_of_the_cost():
     organ = sampled(closed_organ((9, 7), axes=np.diag([15.0, 11.0, 20.0])), "smooth")
     rng = np.random.default_rng(3)
     points = rng.normal(size=(300, 3)) * [15.0, 11.0, 20.0] / 1.5
-    cost = BoundaryCost(points, organ, 40.0)
+    cost = BoundaryCost(points, rng.uniform(0.5, 1.0, 300), organ, unit=40.0, accuracy=1.0)
     q = 0.5 * rng.normal(size=organ.n_dof)
     cost.refresh(q)
     samples, direction = cost.sample(q), rng.normal(size=organ.n_dof)
@@ -75,7 +77,7 @@ def test_the_cost_is_the_mean_squared_distance():
     ball = sampled(closed_organ((9, 7), axes=np.eye(3) * 20.0), "smooth")
     directions = np.random.default_rng(1).normal(size=(200, 3))
     points = 23.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    cost = BoundaryCost(points, ball, 2.0)
+    cost = BoundaryCost(points, np.ones(200), ball, unit=2.0, accuracy=1e-3)
     q = np.zeros(ball.n_dof)
     cost.refresh(q)
     assert cost.sample(q).cost == pytest.approx((3.0 / 2.0) ** 2, rel=0.1)

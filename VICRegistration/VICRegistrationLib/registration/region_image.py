@@ -43,16 +43,17 @@ class RegionImage:
         return Sampler(self.distance)
 
     @cached_property
-    def boundary(self) -> np.ndarray:
-        """Points of the region's boundary, evenly spread over its area, (m, 3) mm in the organ's frame."""
-        half = 0.5 * self.distance.spacing.min()
-        near = np.abs(self.distance.array) < half
+    def boundary(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the region's boundary, (m, 3) mm in the organ's frame, and their areas up to a factor, (m,)."""
+        distances, step = self.distance.array, float(self.distance.spacing[0])
+        gradients = np.stack(np.gradient(distances, step)[::-1], axis=-1)
+        slopes = np.maximum(np.linalg.norm(gradients, axis=-1), 1e-9)
+        # Each voxel has the point nearest to its centre. Weights fall to zero at a distance of one voxel: a limit there
+        # would include or exclude voxels by rounding errors.
+        weights = 1.0 - np.abs(distances) / (step * slopes)
+        near = weights > 0.0
         centers = self.distance.to_ras(np.argwhere(near)[:, ::-1].astype(float))
-        values, gradients, _ = self.sampler.values_and_gradients(centers)
-        slopes = np.linalg.norm(gradients, axis=1)
-        # The layer of voxels is one voxel thick also at edges of the region, where the image is less steep.
-        kept = np.abs(values) < half * slopes
-        return centers[kept] - (values[kept] / slopes[kept] ** 2)[:, None] * gradients[kept]
+        return centers - (distances / slopes**2)[near][:, None] * gradients[near], weights[near]
 
     @cached_property
     def volume(self) -> float:

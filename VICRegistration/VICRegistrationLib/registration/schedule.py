@@ -193,12 +193,15 @@ class Schedule:
         tolerance = self._patience[0] * 3.0 * self.options.tolerance
         coarseness = float(np.mean(np.sum(self.voxel**2, axis=0))) / ball_radius(self.region.volume) ** 2
         bending = 0.0 if self.options.smoothness == 0.0 else REGION_BENDING * coarseness
+        points, areas = self.region.boundary
+        # Where the volume ends, the region's boundary is not the organ's.
+        known = self.sampler.values(points)[1]
         return Stage(
             "region",
             reach=0.02,
             bending=bending,
             tolerance=tolerance,
-            boundary=self.region.boundary,
+            boundary=(points[known], areas[known]) if known.any() else None,
             **self._on_region,
         )
 

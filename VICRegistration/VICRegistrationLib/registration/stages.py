@@ -107,9 +107,9 @@ class Stage:
         Largest displacement of a control point in one iteration, mm.
     further : tuple of FurtherImage
         Further images of the same surface.
-    boundary : (m, 3) ndarray, optional
-        Points of a region's boundary, mm in the frame of the surface: their mean squared distance from the surface is
-        added to the cost, in units of the difference of the levels.
+    boundary : (m, 3) and (m,) ndarray, optional
+        Points of a region's boundary, mm in the frame of the surface, and their areas: the mean squared distance from
+        the surface is added to the cost, in units of the difference of the levels.
     """
 
     name: str
@@ -128,7 +128,7 @@ class Stage:
     max_iterations: int = 50
     largest_step: float = 10.0
     further: tuple[FurtherImage, ...] = ()
-    boundary: np.ndarray | None = None
+    boundary: tuple[np.ndarray, np.ndarray] | None = None
 
     def correlation(self, surface: SampledSurface, *, share: np.ndarray | None = None) -> Correlation:
         """Make the correlation of a surface with the first image; `share` are factors of the lines' weights."""
@@ -154,7 +154,9 @@ class Stage:
         if self.boundary is None:
             return Objective(correlations, stiffness=energies)
         unit = self.virtual.profile.outside - self.virtual.profile.inside
-        return Objective((*correlations, BoundaryCost(self.boundary, surface, unit)), stiffness=energies)
+        accuracy = 0.5 * float(self.sampler.image.spacing.min())
+        boundary = BoundaryCost(*self.boundary, surface, unit=unit, accuracy=accuracy)
+        return Objective((*correlations, boundary), stiffness=energies)
 
     def cost_of(self, surface: SampledSurface, other: BSplineSurface) -> float:
         """Cost of another surface that the degrees of freedom reach, in all images, with the levels of `surface`."""
