@@ -194,8 +194,9 @@ class Schedule:
         coarseness = float(np.mean(np.sum(self.voxel**2, axis=0))) / ball_radius(self.region.volume) ** 2
         bending = 0.0 if self.options.smoothness == 0.0 else REGION_BENDING * coarseness
         points, areas = self.region.boundary
-        # Where the volume ends, the region's boundary is not the organ's.
-        known = self.sampler.values(points)[1]
+        # Where the volume ends, the region's boundary is not the organ's. A region is that of one stack: drawn to its
+        # boundary more closely, the surface of a real bladder differs from a second stack by 0.3 mm.
+        known = self.sampler.values(points)[1] & (not self.views)
         return Stage(
             "region",
             reach=0.02,
