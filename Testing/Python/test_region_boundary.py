@@ -23,27 +23,34 @@ from VICRegistrationLib.registration.steps import finish
 
 SPACING_MM = 1.5
 RADIUS_MM = 25.0
-# A rod of this radius goes from the top of the ball to its centre.
+# A rod of this radius goes from the surface of the ball to its centre.
 ROD_MM = 6.0
+# Voxel coordinate of the ball's centre along each axis.
+MIDDLE = 24.5
 
 
 def ball_with_dent() -> tuple[Image, Region]:
-    """Voxels of a ball that a rod enters, as a papillary tumour does: a dent that is deeper than wide."""
+    """Voxels of a ball that a rod enters, as a papillary tumour does, which makes a dent that is deeper than wide."""
     image = Image(np.zeros((50, 50, 50)), np.diag([SPACING_MM] * 3 + [1.0]))
-    k, j, i = SPACING_MM * (np.indices((50, 50, 50)) - 24.5)
+    k, j, i = SPACING_MM * (np.indices((50, 50, 50)) - MIDDLE)
     inside = (i**2 + j**2 + k**2 < RADIUS_MM**2) & ~((i**2 + j**2 < ROD_MM**2) & (k > 0.0))
     return Image(np.where(inside, 100.0, 0.0), image.ijk_to_ras), region_from_mask(image, inside)
 
 
-def on_region(*, boundary: bool) -> tuple[Step, np.ndarray]:
-    """Fit to the region alone with 17x11 control points; returns the last step and points of the region's boundary."""
+def on_region(*, boundary: bool) -> tuple[Step, np.ndarray, np.ndarray]:
+    """Fit to the region alone with 17x11 control points.
+
+    Returns the last step, points of the region's boundary, and those of them on the floor of the dent.
+    """
     image, region = ball_with_dent()
     pose = moments(region)
     schedule = Schedule.of_region(image, region, pose, FitOptions(net=(17, 11)))
     points, _ = schedule.region.boundary
     stage = schedule.on_region if boundary else replace(schedule.on_region, boundary=None)
     ball = sampled(closed_organ((17, 11), axes=np.eye(3) * RADIUS_MM), "smooth")
-    return finish(last_step(stage, ball)), points
+    center = (SPACING_MM * np.full(3, MIDDLE) - pose.center) @ pose.axes.T
+    floor = points[np.linalg.norm(points - center, axis=1) < 0.5 * ROD_MM]
+    return finish(last_step(stage, ball)), points, floor
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.6, 0.6, 3.0)])
@@ -84,10 +91,12 @@ def test_the_cost_is_the_mean_squared_distance():
 
 
 def test_the_surface_follows_a_dent_that_is_deeper_than_wide():
-    with_boundary, points = on_region(boundary=True)
-    without, _ = on_region(boundary=False)
-    # The floor of the dent lies at the ball's centre, which is 12 mm from any other part of the boundary.
-    floor = points[np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0), axis=1) < 0.5 * ROD_MM]
+    with_boundary, points, floor = on_region(boundary=True)
+    without, _, _ = on_region(boundary=False)
     assert len(floor)
     away = [np.abs(closest_points(step.surface, points).distances).mean() for step in (with_boundary, without)]
     assert away[0] < 0.6 * away[1]
+    # Without the points the surface bridges the dent, which is 25 mm deep.
+    below = [np.abs(closest_points(step.surface, floor).distances).mean() for step in (with_boundary, without)]
+    assert below[0] < 1.0
+    assert below[1] > 20.0

@@ -193,16 +193,12 @@ class Schedule:
         tolerance = self._patience[0] * 3.0 * self.options.tolerance
         coarseness = float(np.mean(np.sum(self.voxel**2, axis=0))) / ball_radius(self.region.volume) ** 2
         bending = 0.0 if self.options.smoothness == 0.0 else REGION_BENDING * coarseness
-        points, areas = self.region.boundary
-        # Where the volume ends, the region's boundary is not the organ's. A region is that of one stack: drawn to its
-        # boundary more closely, the surface of a real bladder differs from a second stack by 0.3 mm.
-        known = self.sampler.values(points)[1] & (not self.views)
         return Stage(
             "region",
             reach=0.02,
             bending=bending,
             tolerance=tolerance,
-            boundary=(points[known], areas[known]) if known.any() else None,
+            boundary=self._known_boundary,
             **self._on_region,
         )
 
@@ -221,6 +217,20 @@ class Schedule:
         """Correction by boundary points, against the grey levels around them."""
         rules = {"solver": "gauss-newton", "tolerance": BOUNDARY_TOLERANCE, "cost_tolerance": 0.0}
         return replace(self.fine, name="boundary points", **rules)
+
+    @property
+    def _known_boundary(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Points of the region's boundary that the organ has too, and their areas; None if there are none.
+
+        The region ends where the volume ends, the organ does not. With several stacks no point is used: the region is
+        that of the first one, and the surface of a real bladder that is drawn to its boundary is 0.3 mm from the edges
+        in a second stack.
+        """
+        if self.views:
+            return None
+        points, areas = self.region.boundary
+        known = self.sampler.values(points)[1]
+        return (points[known], areas[known]) if known.any() else None
 
     @property
     def _on_region(self) -> dict:
