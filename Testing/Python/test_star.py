@@ -250,6 +250,28 @@ def test_a_bright_spot_under_the_click_is_not_the_organ_though_the_wall_is_neare
     assert dice(region, truth) > 0.98
 
 
+@pytest.mark.parametrize("depth_mm", [5.0, 15.0])
+def test_a_large_bright_spot_at_the_wall_is_not_the_organ(depth_mm):
+    """From a seed in the spot, the search around its own centroid ends at the spot."""
+    step_mm, radius_mm = 2.5, 60.0
+    k, j, i = step_mm * (np.indices((57,) * 3) - 28.0)
+    radius = np.linalg.norm((k, j, i), axis=0)
+    levels = np.where(radius < radius_mm, 150.0, np.where(radius < radius_mm + 4.0, 30.0, 110.0))
+    spot = (np.linalg.norm((k, j, i - (radius_mm - 18.0)), axis=0) < 24.0) & (radius < radius_mm)
+    matrix = np.diag([step_mm, step_mm, step_mm, 1.0])
+    matrix[:3, 3] = -28.0 * step_mm
+    levels = levels + 50.0 * spot + np.random.default_rng(0).normal(0.0, 3.0, levels.shape)
+    star = find_star(Image(levels.astype(np.float32), matrix), np.array([radius_mm - depth_mm, 0.0, 0.0]))
+    np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), radius_mm, atol=4.0)
+
+
+def test_a_part_that_the_volume_cuts_off_changes_the_cost_of_a_surface_little(ball, star):
+    image, _ = ball
+    cut = find_star(image.crop((HALF - 5, 0, 0), image.array.shape), np.array([0.0, 0.0, 5.0]))
+    assert cut.cut.mean() > 0.25
+    assert cut.cost == pytest.approx(star.cost, abs=0.05)
+
+
 def test_a_dark_band_at_the_wall_with_fat_behind_it_belongs_to_the_organ(ball):
     """The signal falls off gradually towards the wall, where no edge is left but the rise to the fat behind."""
     image, truth = ball

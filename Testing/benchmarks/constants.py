@@ -19,7 +19,7 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
         for name in (
             *("STEP_SHARE", "_SHADING_CHANGE", "_NOISE_CHANGE", "_CROSSED_WEIGHT", "_RISE_WEIGHT", "_SMOOTHNESS"),
             *("_BORDER_WEIGHT", "_SHADING", "_LEAST_STEP", "_SHAPE_SMOOTHNESS", "STEP_MM", "_BLUR_MM"),
-            *("_VOXEL_MM", "_CHANGE_MM", "_SMALL_MM", "LEAST_MM", "_NEAR_MM", "_WALL_MM", "EDGE_STRENGTH"),
+            *("_VOXEL_MM", "_CHANGE_MM", "LEAST_MM", "_NEAR_MM", "_WALL_MM", "EDGE_STRENGTH"),
         )
     ),
     *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
