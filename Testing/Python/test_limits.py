@@ -50,7 +50,7 @@ def test_one_threshold_for_all_cannot_do_that(fading):
 
 def edges_at(halves):
     """Edges all around a seed at a radius of 20 mm, half way between whose levels lie these, (n,); 200 inside."""
-    directions = sphere().directions
+    directions = sphere().places
     assert len(halves) == len(directions)
     outer = 2.0 * np.asarray(halves, dtype=float) - 200.0
     shape = (1, len(directions))
@@ -77,7 +77,7 @@ def lowest_held(limits, place):
 
 def test_edges_between_parts_of_an_organ_count_less_than_the_wall_behind_them(fading):
     # Every third edge is the wall; the others are half as deep, between bright and dim parts.
-    halves = np.where(np.arange(len(sphere().directions)) % 3 == 0, 60.0, 120.0)
+    halves = np.where(np.arange(len(sphere().places)) % 3 == 0, 60.0, 120.0)
     limits = Limits.along(edges_at(halves), fading[0])
     assert limits.low == 120.0
     # Measured: 42 at an edge, where a tenth of the typical limit counts, and nearly that far from all edges.
@@ -86,7 +86,7 @@ def test_edges_between_parts_of_an_organ_count_less_than_the_wall_behind_them(fa
 
 
 def test_a_few_rays_that_have_left_the_organ_do_not_lower_its_limit(fading):
-    directions = sphere().directions
+    directions = sphere().places
     halves = np.where(directions[:, 0] > 0.0, 110.0, 90.0)
     halves[directions[:, 0] > 0.93] = -300.0
     assert 0.0 < np.mean(halves < 0.0) < 0.05

@@ -10,12 +10,13 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
-from VICRegistrationLib.segmentation import star_surface
+from VICRegistrationLib.segmentation import ray_search, star_surface
 from VICRegistrationLib.segmentation.edge_support import area_without_edge, edge_support
+from VICRegistrationLib.segmentation.ray_graph import cheapest_radii
 from VICRegistrationLib.segmentation.separation import separate
-from VICRegistrationLib.segmentation.sphere import cheapest_radii, smoothed, sphere
-from VICRegistrationLib.segmentation.star_region import shaped_region, star_region
-from VICRegistrationLib.segmentation.star_surface import find_star
+from VICRegistrationLib.segmentation.shaped_region import region_within, shaped_region
+from VICRegistrationLib.segmentation.sphere import smoothed, sphere
+from VICRegistrationLib.segmentation.star_surface import centroid, find_star
 
 RADIUS, WALL_MM = 20.0, 3.0
 HALF = 32
@@ -44,6 +45,12 @@ def ball():
 def star(ball):
     """What is found around the middle of the ball."""
     return find_star(ball[0], np.zeros(3))
+
+
+def region_of_star(image, seeds):
+    """Region inside of the star-shaped surface around seeds, and the surface."""
+    star = find_star(image, seeds)
+    return shaped_region(image, star, seeds), star
 
 
 def cost_of_radii(ball, costs, prices, radii):
@@ -86,17 +93,17 @@ def dice(region, truth):
 
 def test_directions_are_symmetric_and_neighbours_go_both_ways():
     ball = sphere()
-    flipped = {tuple(np.round(direction, 9) + 0.0) for direction in ball.directions * [-1.0, 1.0, 1.0]}
-    assert flipped == {tuple(np.round(direction, 9) + 0.0) for direction in ball.directions}
+    flipped = {tuple(np.round(direction, 9) + 0.0) for direction in ball.places * [-1.0, 1.0, 1.0]}
+    assert flipped == {tuple(np.round(direction, 9) + 0.0) for direction in ball.places}
     np.testing.assert_array_equal(ball.first[ball.back], ball.second)
     np.testing.assert_array_equal(ball.second[ball.back], ball.first)
 
 
 def test_radii_follow_the_costs_but_not_a_single_ray_that_has_escaped():
-    costs = np.zeros((len(sphere().directions), 40))
+    costs = np.zeros((len(sphere().places), 40))
     costs[:, 20] = -1.0
     costs[7, 20], costs[7, 38] = 0.0, -1.0
-    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, smoothness=0.15, most_apart=9)
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().distances, smoothness=0.15, most_apart=9)
     assert set(radii.tolist()) == {20}
 
 
@@ -104,11 +111,11 @@ def test_radii_follow_the_costs_but_not_a_single_ray_that_has_escaped():
 def test_radii_cost_as_little_as_those_of_a_minimum_cut(seed):
     ball, most, smoothness = sphere(2), 3, 0.3
     rng = np.random.default_rng(seed)
-    costs = rng.normal(0.0, 0.4, (len(ball.directions), 16))
+    costs = rng.normal(0.0, 0.4, (len(ball.places), 16))
     # Two sheets, each deeper on one side.
-    costs[:, 4] -= 1.0 + 0.5 * ball.directions[:, 0]
-    costs[:, 11] -= 1.0 - 0.5 * ball.directions[:, 0]
-    slopes = 0.5 / ball.angles
+    costs[:, 4] -= 1.0 + 0.5 * ball.places[:, 0]
+    costs[:, 11] -= 1.0 - 0.5 * ball.places[:, 0]
+    slopes = 0.5 / ball.distances
     radii = cheapest_radii(ball, costs, slopes, smoothness=smoothness, most_apart=most)
     prices = smoothness * slopes**2
     least = cost_of_radii(ball, costs, prices, minimum_cut(ball, costs, prices, most))
@@ -117,7 +124,7 @@ def test_radii_cost_as_little_as_those_of_a_minimum_cut(seed):
 
 def test_between_two_levels_the_radii_rise_evenly_as_the_squares_of_their_slopes_cost():
     ball, most, smoothness = sphere(3), 3, 0.3
-    costs, slopes, ahead = np.zeros((len(ball.directions), 16)), 0.5 / ball.angles, ball.directions[:, 0]
+    costs, slopes, ahead = np.zeros((len(ball.places), 16)), 0.5 / ball.distances, ball.places[:, 0]
     costs[ahead < -0.8, 4] = costs[ahead > 0.8, 10] = -20.0
     radii = cheapest_radii(ball, costs, slopes, smoothness=smoothness, most_apart=most)
     prices = smoothness * slopes**2
@@ -128,17 +135,17 @@ def test_between_two_levels_the_radii_rise_evenly_as_the_squares_of_their_slopes
 
 def test_slopes_are_counted_from_those_of_a_shape():
     ball, rng = sphere(2), np.random.default_rng(0)
-    rays, samples = len(ball.directions), np.arange(40)
+    rays, samples = len(ball.places), np.arange(40)
     shape, costs = rng.integers(0, 9, rays), rng.normal(0.0, 0.4, (rays, 30))
     moved = samples - shape[:, None]
     deeper = np.where((moved >= 0) & (moved < 30), costs[np.arange(rays)[:, None], moved.clip(0, 29)], 100.0)
-    slopes = {"smoothness": 0.3, "slopes": 0.5 / ball.angles}
+    slopes = {"smoothness": 0.3, "slopes": 0.5 / ball.distances}
     from_shape = cheapest_radii(ball, costs=deeper, shape=shape, most_apart=20, **slopes)
     np.testing.assert_array_equal(from_shape - shape, cheapest_radii(ball, costs=costs, most_apart=20, **slopes))
 
 
 def test_smoothed_values_are_harmonics_up_to_the_degree():
-    directions, others = sphere(3).directions, sphere(2).directions
+    directions, others = sphere(3).places, sphere(2).places
     x, y, z = directions.T
     np.testing.assert_allclose(
         smoothed(directions, 3.0 + x * y - z**3 + x**2 * z**2, others, degree=4),
@@ -150,12 +157,12 @@ def test_smoothed_values_are_harmonics_up_to_the_degree():
 
 
 def test_a_side_without_any_edge_gets_the_radius_of_the_others():
-    costs = np.zeros((len(sphere().directions), 80))
-    seen = sphere().directions[:, 0] < 0.3
+    costs = np.zeros((len(sphere().places), 80))
+    seen = sphere().places[:, 0] < 0.3
     costs[seen, 60] = -1.0
     # An inner sheet of less depth ends half way round.
-    costs[sphere().directions[:, 0] < -0.3, 30] = -0.7
-    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().angles, smoothness=0.15, most_apart=9)
+    costs[sphere().places[:, 0] < -0.3, 30] = -0.7
+    radii = cheapest_radii(sphere(), costs, np.log(1.05) / sphere().distances, smoothness=0.15, most_apart=9)
     assert set(radii[seen].tolist()) == {60}
     assert np.abs(radii[~seen] - 60).max() <= 1
 
@@ -165,16 +172,16 @@ def test_a_shape_does_not_depend_on_the_place_that_was_clicked(ball, seed):
     image, truth = ball
     star = find_star(image, np.array(seed))
     assert star.bright
-    np.testing.assert_allclose(star.centroid, 0.0, atol=0.5)
+    np.testing.assert_allclose(centroid(star), 0.0, atol=0.5)
     np.testing.assert_allclose(np.linalg.norm(star.points, axis=1), RADIUS, atol=1.5)
-    assert dice(star_region(image, star), truth) > 0.98
+    assert dice(region_within(image, star), truth) > 0.98
 
 
 def test_a_long_organ_is_seen_from_its_middle_though_its_end_was_clicked():
     k, j, i = places()
     inside = np.hypot(np.hypot(k, j) / 11.0, i / 30.0) < 1.0
     star = find_star(image_of(np.where(inside, 150.0, 50.0)), np.array([26.0, 0.0, 0.0]))
-    np.testing.assert_allclose(star.centroid, 0.0, atol=1.5)
+    np.testing.assert_allclose(centroid(star), 0.0, atol=1.5)
 
 
 def test_a_dark_organ_is_seen_as_well(ball):
@@ -182,7 +189,7 @@ def test_a_dark_organ_is_seen_as_well(ball):
     image = Image(300.0 - image.array, image.ijk_to_ras)
     star = find_star(image, np.array([5.0, 5.0, 5.0]))
     assert not star.bright
-    assert dice(star_region(image, star), truth) > 0.98
+    assert dice(region_within(image, star), truth) > 0.98
 
 
 def test_what_is_an_edge_does_not_depend_on_offset_and_scale(ball):
@@ -219,7 +226,7 @@ def test_thick_slices_give_the_same_star_shaped_region_with_other_axes(order, fl
     copy = reordered(image, order, flips)
     seed = np.array([[33.0, 25.0, 26.0]])
     expected, found = (
-        Image(shaped_region(each, seed)[0].in_box((0, 0, 0), each.array.shape), each.ijk_to_ras).canonical().array
+        Image(region_of_star(each, seed)[0].in_box((0, 0, 0), each.array.shape), each.ijk_to_ras).canonical().array
         for each in (image, copy)
     )
     # Rounding decides single voxels at the limits of grey levels.
@@ -232,8 +239,8 @@ def test_the_spacing_of_samples_changes_a_shape_little(monkeypatch, step_mm):
     (_, j, _), radius = places(), np.linalg.norm(places(), axis=0)
     urine = 150.0 - 90.0 * np.clip((j - 6.0) / 8.0, 0.0, 1.0)
     image = image_of(np.where(radius < RADIUS, urine, np.where(radius < RADIUS + WALL_MM, 30.0, 110.0)))
-    monkeypatch.setattr(star_surface, "STEP_MM", step_mm)
-    region, _ = shaped_region(image, np.zeros((1, 3)))
+    monkeypatch.setattr(ray_search, "STEP_MM", step_mm)
+    region, _ = region_of_star(image, np.zeros((1, 3)))
     assert dice(region, radius < RADIUS) > 0.98
 
 
@@ -245,7 +252,7 @@ def test_a_bright_spot_under_the_click_is_not_the_organ_though_the_wall_is_neare
     k, j, i = places()
     spot = k**2 + j**2 + (i + 14.0) ** 2 < 4.0**2
     monkeypatch.setattr(star_surface, "LEAST_MM", least_mm)
-    region, star = shaped_region(Image(image.array + 50.0 * spot, image.ijk_to_ras), np.array([[-14.0, 0.0, 0.0]]))
+    region, star = region_of_star(Image(image.array + 50.0 * spot, image.ijk_to_ras), np.array([[-14.0, 0.0, 0.0]]))
     assert star.radii.min() > RADIUS - 2.0
     assert dice(region, truth) > 0.98
 
@@ -324,7 +331,7 @@ def smoothed_noise(seed, sigma):
 def test_a_blob_of_noise_is_no_organ_though_its_boundary_has_an_edge():
     """Its contrast is no larger than that of noise."""
     image = smoothed_noise(seed=2, sigma=0.7)
-    assert edge_support(image, *shaped_region(image, np.zeros(3))) > 0.8
+    assert edge_support(image, *region_of_star(image, np.zeros(3))) > 0.8
     with pytest.raises(ValueError, match="No edge of an organ"):
         separate(image, [0.0, 0.0, 0.0])
 
@@ -332,7 +339,7 @@ def test_a_blob_of_noise_is_no_organ_though_its_boundary_has_an_edge():
 def test_a_blob_with_little_of_an_edge_is_no_organ_though_its_contrast_is_large():
     """In noise that is smoothed over several voxels, differences between neighbours are small."""
     image = smoothed_noise(seed=9, sigma=3.0)
-    region, star = shaped_region(image, np.zeros(3))
+    region, star = region_of_star(image, np.zeros(3))
     assert star.contrast > 6.0 * np.median(np.abs(np.diff(image.array, axis=0)))
     assert edge_support(image, region, star) < 0.5
     with pytest.raises(ValueError, match="touches 4 of the six faces"):
@@ -372,7 +379,7 @@ def test_lobes_count_even_where_they_have_an_edge(ball):
 
 def test_the_right_boundary_has_more_support_than_a_fragment(ball, star):
     image, truth = ball
-    whole = star_region(image, star)
+    whole = region_within(image, star)
     fragment = separate(image, [0.0, 0.0, 0.0], threshold=(149.0, 160.0), erosion=0.0)
     assert edge_support(image, whole, star) > 0.9
     assert edge_support(image, fragment, star) < 0.6
@@ -429,13 +436,14 @@ def cut_ball():
 
 def test_where_the_volume_cuts_an_organ_its_shape_goes_on_to_the_volumes_end(cut_ball):
     image, truth, seed = cut_ball
-    region, star = shaped_region(image, seed)
+    region, star = region_of_star(image, seed)
     assert star.cut.any()
     # The half ball's own centre of mass, not that of the whole ball.
-    assert star.center[2] + HALF == pytest.approx(3.0 / 8.0 * RADIUS, abs=1.0)
+    assert star.source.point[2] + HALF == pytest.approx(3.0 / 8.0 * RADIUS, abs=1.0)
     assert dice(region, truth) > 0.97
 
 
 def test_a_shape_that_does_not_hold_the_seeds_is_none(cut_ball):
     image, _, seed = cut_ball
-    assert shaped_region(image, np.array([seed, [0.0, 0.0, 25.0 - HALF], [28.0, 28.0, 25.0 - HALF]])) is None
+    seeds = np.array([seed, [0.0, 0.0, 25.0 - HALF], [28.0, 28.0, 25.0 - HALF]])
+    assert region_of_star(image, seeds)[0] is None

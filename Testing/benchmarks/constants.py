@@ -10,19 +10,29 @@ from bladders import HARD, NAMES, bladders, drawn_surface
 from experts import started
 from measuring import table
 
-from VICRegistrationLib.segmentation import growing, ray_edges, separation, star_region, star_surface
+from VICRegistrationLib.segmentation import (
+    growing,
+    ray_edges,
+    ray_search,
+    ray_surface,
+    separation,
+    shaped_region,
+    star_surface,
+)
 
 CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     *((ray_edges, name) for name in ("_STEP_SHARE", "_STEP_NOISE", "_DEPTH_MM", "_WINDOW_MM", "_SURROUNDINGS_MM")),
     *(
-        (star_surface, name)
+        (ray_search, name)
         for name in (
             *("STEP_SHARE", "_SHADING_CHANGE", "_NOISE_CHANGE", "_CROSSED_WEIGHT", "_RISE_WEIGHT", "_SMOOTHNESS"),
             *("_BORDER_WEIGHT", "_SHADING", "_LEAST_STEP", "_SHAPE_SMOOTHNESS", "STEP_MM", "_BLUR_MM"),
-            *("_VOXEL_MM", "_CHANGE_MM", "LEAST_MM", "_NEAR_MM", "_WALL_MM", "EDGE_STRENGTH"),
+            *("_VOXEL_MM", "_CHANGE_MM", "_NEAR_MM", "_WALL_MM"),
         )
     ),
-    *((star_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
+    (ray_surface, "EDGE_STRENGTH"),
+    (star_surface, "LEAST_MM"),
+    *((shaped_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
     *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_LEAST_CONTRAST")),
     *((growing, name) for name in ("_MOST_TIMES_SPANNED", "FRAGMENT")),
 )

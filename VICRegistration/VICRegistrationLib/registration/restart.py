@@ -18,7 +18,8 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.region import Region
 from ..messages import Diagnostic
-from ..segmentation.star_region import shaped_region
+from ..segmentation.shaped_region import shaped_region
+from ..segmentation.star_surface import find_star
 
 # The organ is separated again if a point lies farther from the surface than this, mm.
 _FAR_MM = 10.0
@@ -62,10 +63,9 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     """
     center = surface.control_net.mean(axis=(0, 1))
     inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
-    found = shaped_region(image, inside, points)
-    if found is None:
+    region = shaped_region(image, find_star(image, inside, points), inside)
+    if region is None:
         return None
-    region, _ = found
     contradiction = Diagnostic("start_contradicted", {"away_mm": float(away.max())})
     return replace(region, diagnostics=(*region.diagnostics, contradiction))
 

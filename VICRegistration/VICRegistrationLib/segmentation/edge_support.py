@@ -9,7 +9,8 @@ from ..imaging.image import Image
 from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..imaging.sampling import Sampler
-from .star_surface import STEP_SHARE, Star, blurred
+from .ray_search import STEP_SHARE, blurred
+from .ray_surface import RaySurface
 
 # Of a larger number of boundary voxels, at most so many, evenly spread over their list, are used.
 _MOST_VOXELS = 3000
@@ -29,18 +30,18 @@ class EdgeStrengths:
     Parameters
     ----------
     image : Image
-    star : Star
+    surface : RaySurface
         Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
     start, stop : (3,) array_like of int
         Box of voxels (k, j, i) that contains the boundaries; the end is exclusive.
     """
 
-    def __init__(self, image: Image, star: Star, start, stop):
+    def __init__(self, image: Image, surface: RaySurface, start, stop):
         margin = margin_of(image)
         low, high = np.maximum(start - margin, 0), np.minimum(stop + margin, image.array.shape)
         crop = image.crop(low, high)
         levels = blurred(Image(crop.array.astype(np.float32), crop.ijk_to_ras))
-        self._sampler, self._image, self._star = Sampler(Image(levels, crop.ijk_to_ras)), image, star
+        self._sampler, self._image, self._surface = Sampler(Image(levels, crop.ijk_to_ras)), image, surface
 
     def at(self, mask: np.ndarray, voxels: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Edge strength across a mask's boundary.
@@ -63,9 +64,9 @@ class EdgeStrengths:
         normals = _normals(mask, voxels, self._image)
         places = self._image.to_ras((voxels + start)[:, ::-1].astype(float))
         levels, valid = self._sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
-        sides = sliding_window_view(levels if self._star.bright else -levels, _SIDE, axis=1)
+        sides = sliding_window_view(levels if self._surface.bright else -levels, _SIDE, axis=1)
         steps = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
-        strengths = np.maximum(np.tanh(steps / (STEP_SHARE * self._star.contrast)), 0.0)
+        strengths = np.maximum(np.tanh(steps / (STEP_SHARE * self._surface.contrast)), 0.0)
         return places, np.where(valid.all(axis=1), strengths, np.nan)
 
 
@@ -79,12 +80,12 @@ def thinned(voxels: np.ndarray) -> np.ndarray:
     return voxels[:: -(-len(voxels) // _MOST_VOXELS)]
 
 
-def edge_support(image: Image, region: Region, star: Star) -> float:
+def edge_support(image: Image, region: Region, surface: RaySurface) -> float:
     """Mean edge strength along a region's boundary.
 
     Parameters
     ----------
-    image, region, star
+    image, region, surface
         As for :func:`edge_strengths`.
 
     Returns
@@ -92,18 +93,18 @@ def edge_support(image: Image, region: Region, star: Star) -> float:
     float
         From 0 to 1, without the boundary at the border of the volume; 0 if all of it is there.
     """
-    strengths = edge_strengths(image, region, star)[1]
+    strengths = edge_strengths(image, region, surface)[1]
     return float(strengths.mean()) if len(strengths) else 0.0
 
 
-def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray, np.ndarray]:
+def edge_strengths(image: Image, region: Region, surface: RaySurface) -> tuple[np.ndarray, np.ndarray]:
     """Edge strength at the voxels of a region's boundary, except at the border of the volume.
 
     Parameters
     ----------
     image : Image
     region : Region
-    star : Star
+    surface : RaySurface
         Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
 
     Returns
@@ -115,18 +116,18 @@ def edge_strengths(image: Image, region: Region, star: Star) -> tuple[np.ndarray
     """
     voxels = thinned(boundary_voxels(region.mask))
     start = np.asarray(region.offset)
-    edges = EdgeStrengths(image, star, start, start + region.mask.shape)
+    edges = EdgeStrengths(image, surface, start, start + region.mask.shape)
     places, strengths = edges.at(region.mask, voxels, start)
     inside = np.isfinite(strengths)
     return places[inside], strengths[inside]
 
 
-def area_without_edge(image: Image, region: Region, star: Star) -> float:
+def area_without_edge(image: Image, region: Region, surface: RaySurface) -> float:
     """Area of a region's boundary without an edge, relative to its volume to the power of 2/3.
 
     Parameters
     ----------
-    image, region, star
+    image, region, surface
         As for :func:`edge_strengths`.
 
     Returns
@@ -144,7 +145,7 @@ def area_without_edge(image: Image, region: Region, star: Star) -> float:
     mask, spacing = np.pad(region.mask, 1).astype(np.int8), region.spacing[::-1]
     faces = [np.count_nonzero(np.diff(mask, axis=axis)) / spacing[axis] for axis in range(3)]
     area = sum(faces) * np.prod(spacing)
-    return (1.0 - edge_support(image, region, star)) * area / (1000.0 * region.volume_ml) ** (2.0 / 3.0)
+    return (1.0 - edge_support(image, region, surface)) * area / (1000.0 * region.volume_ml) ** (2.0 / 3.0)
 
 
 def _normals(mask: np.ndarray, voxels: np.ndarray, image: Image) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..imaging.morphology import largest_piece
 from ..imaging.region import Region, region_from_mask
 from ..imaging.sampling import Sampler
 from .edge_support import edge_strengths
-from .star_surface import Star
+from .ray_surface import RaySurface
 
 # The boundary is flat where it is within this distance of a plane, mm. It is sampled by columns with this spacing, mm,
 # of which so many at most choose the plane among planes with these slopes (up to 7.5 degrees, more than the largest
@@ -131,9 +131,9 @@ class FluidLevel:
         within = voxels[np.all((voxels >= 0) & (voxels < region.mask.shape), axis=1)]
         return bool(region.mask[tuple(within.T)].sum() > _CONTINUED * len(voxels))
 
-    def support_behind(self, image: Image, region: Region, star: Star) -> float:
+    def support_behind(self, image: Image, region: Region, surface: RaySurface) -> float:
         """Mean strength of the edge along a region's boundary behind the level, from 0 to 1, see `edge_strengths`."""
-        places, strengths = edge_strengths(image, region, star)
+        places, strengths = edge_strengths(image, region, surface)
         behind = self.sign * _anterior_distance(places, self.plane) > _DEEP_MM
         return float(strengths[behind].mean()) if behind.any() else 0.0
 

@@ -12,7 +12,7 @@ from ..imaging.image import Image
 from ..imaging.morphology import dilate, erode, largest_piece
 from ..imaging.region import Region, common_box, region_from_crop
 from .edge_support import EdgeStrengths, margin_of, thinned
-from .star_surface import Star
+from .ray_surface import RaySurface
 
 # Pieces are the connected components of the difference after an opening with a ball of this radius, mm. In 33 regions
 # of bladders, most of them changed, the mean distance from the experts' surface is 0.88 mm without any pieces, 0.81
@@ -25,7 +25,7 @@ _RADIUS_MM = 0.5
 _LEAST_ML, _MOST_SHARE = 0.1, 0.03
 
 
-def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill: bool = True) -> Region:
+def with_pieces(image: Image, region: Region, other: Region, surface: RaySurface, *, fill: bool = True) -> Region:
     """Add pieces of another region to a region, and remove pieces that the other lacks, if the edges support it.
 
     A piece is added, or removed, if this leaves less area of the boundary without an edge.
@@ -35,7 +35,7 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
     image : Image
         Both regions are on its grid.
     region, other : Region
-    star : Star
+    surface : RaySurface
         Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
     fill : bool
         Fill cavities.
@@ -53,7 +53,7 @@ def with_pieces(image: Image, region: Region, other: Region, star: Star, *, fill
         before = mask[box]
         after = before ^ piece
         corner = start + [side.start for side in box]
-        edges = EdgeStrengths(image, star, corner, corner + piece.shape)
+        edges = EdgeStrengths(image, surface, corner, corner + piece.shape)
         changed_area, area = (_area_without_edge(edges, image, one, piece, corner) for one in (after, before))
         if changed_area < area:
             mask[box] = after

@@ -14,14 +14,14 @@ from .edge_support import area_without_edge, edge_support
 from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
+from .ray_surface import RaySurface
 from .region_pieces import with_pieces
 from .remedies import remedy
 from .seeds import checked_seeds
-from .star_region import shaped_region
-from .star_surface import Star
+from .shaped_region import shaped_region
+from .star_surface import find_star
 
-# If the Dice coefficient of both regions is smaller, they are not the same organ: one has leaked, is a fragment, or the
-# organ is bent.
+# If the Dice coefficient of two regions is smaller, they are not the same organ: one has leaked or is a fragment.
 _SAME_ORGAN = 0.85
 # Of two regions of the same organ, the grown one follows details better. So the star-shaped one is taken only if its
 # area without an edge (`area_without_edge`) is smaller by more than this. In 107 bladders, most of them changed, the
@@ -44,8 +44,8 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
 
     - the voxels within limits of grey levels that are connected with the seeds (`grown_region`). This region follows
       organs of any shape, but leaks where the wall has a gap;
-    - the voxels inside of the star-shaped surface of least cost (`shaped_region`). This region needs no limits, but
-      contains only what can be reached by straight lines from its centre.
+    - the voxels inside of the star-shaped surface of least cost (`find_star`, `shaped_region`). This region needs no
+      limits, but contains only what can be reached by straight lines from its centre.
 
     The second region is chosen if a smaller area of its boundary has no edge, as when the first has lobes or lacks a
     part, or if the first has leaked. Small pieces by which the first one differs are then added or removed if the edges
@@ -120,10 +120,10 @@ def _with_layer(image: Image, seeds: np.ndarray, region: Region, fill: bool) -> 
     even = level.removed_from(image)
     values = {"area_cm2": level.area_cm2, "side": level.side}
     ends = replace(region, diagnostics=(*region.diagnostics, Diagnostic("ends_at_level", values)))
-    found = shaped_region(even, seeds, fill=fill)
-    if found is None:
+    star = find_star(even, seeds)
+    shaped = shaped_region(even, star, seeds, fill=fill)
+    if shaped is None:
         return ends
-    shaped, star = found
     if not level.is_passed_by(shaped) or level.support_behind(even, shaped, star) < _LEAST_SUPPORT:
         return ends
     whole = _better(even, level.joined(image, region, shaped), shaped, star, fill)
@@ -138,28 +138,28 @@ def _by_both_ways(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         grown, refused = grown_region(image, seeds, fill=fill), None
     except ValueError as error:
         grown, refused = None, error
-    found = shaped_region(image, seeds, fill=fill)
-    if found is None:
+    surface = find_star(image, seeds)
+    shaped = shaped_region(image, surface, seeds, fill=fill)
+    if shaped is None:
         if refused is not None:
             raise refused
         return grown
-    shaped, star = found
     if grown is None:
-        if edge_support(image, shaped, star) < _LEAST_SUPPORT or _is_noise(image, seeds, star.contrast):
+        if edge_support(image, shaped, surface) < _LEAST_SUPPORT or _is_noise(image, seeds, surface.contrast):
             raise refused
         return shaped
-    return _better(image, grown, shaped, star, fill)
+    return _better(image, grown, shaped, surface, fill)
 
 
-def _better(image: Image, grown: Region, shaped: Region, star: Star, fill: bool) -> Region:
+def _better(image: Image, grown: Region, shaped: Region, surface: RaySurface, fill: bool) -> Region:
     """Choose the region that the edges support better; the star-shaped one is completed by pieces of the grown one."""
     # The boundary of a leak may lie at edges of other tissue, so its edges are not compared.
-    leaked = bool(grown.diagnostics) and edge_support(image, shaped, star) >= _LEAST_SUPPORT
-    less = np.subtract(*(area_without_edge(image, region, star) for region in (grown, shaped)))
+    leaked = bool(grown.diagnostics) and edge_support(image, shaped, surface) >= _LEAST_SUPPORT
+    less = np.subtract(*(area_without_edge(image, region, surface) for region in (grown, shaped)))
     same = dice_coefficient(grown, shaped) >= _SAME_ORGAN
     better = grown
     if leaked or less > (_LESS_WITHOUT_EDGE if same else 0.0):
-        better = with_pieces(image, shaped, grown, star, fill=fill)
+        better = with_pieces(image, shaped, grown, surface, fill=fill)
     if same:
         return better
     sizes = {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better}

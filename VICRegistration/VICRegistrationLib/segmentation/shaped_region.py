@@ -1,4 +1,4 @@
-"""The voxels of an organ from its star-shaped surface: grey levels decide only near that surface."""
+"""The voxels of an organ from its surface along rays: grey levels decide only near that surface."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from .checks import fills_volume
 from .limits import Limits
 from .ray_edges import Edges
 from .ray_origins import CLICK_MM
-from .sphere import between
-from .star_surface import Star, find_star
+from .ray_surface import RaySurface
 
 # Voxels within this distance of the surface, mm (the shell), belong to the organ if their grey level is within the
 # limits; those deeper inside always do, and those farther outside never. From 0.5 to 2 mm the mean Dice coefficient of
@@ -28,40 +27,36 @@ OPENING_MM = 2.0
 _LATTICE_MM = 3.0
 
 
-def shaped_region(
-    image: Image, seeds: np.ndarray, wall: np.ndarray | None = None, *, fill: bool = True
-) -> tuple[Region, Star] | None:
-    """Separate an organ by its shape: the star-shaped surface of least cost, and the voxels inside of it.
+def shaped_region(image: Image, surface: RaySurface, seeds: np.ndarray, *, fill: bool = True) -> Region | None:
+    """Take the voxels inside of an organ's surface, if they may be the organ.
 
     Parameters
     ----------
     image : Image
+    surface : RaySurface
     seeds : (3,) or (n, 3) ndarray
-        Places in the organ, RAS mm, in the volume.
-    wall : (n, 3) ndarray, optional
-        Places that the surface has to pass, RAS mm.
+        Places in the organ, RAS mm.
     fill : bool
         Fill cavities.
 
     Returns
     -------
-    tuple of Region and Star, or None
-        None if there is no region (see `star_region`), or it does not contain the seeds, or fills the volume.
+    Region or None
+        None if there is no region (see `region_within`), or it does not contain the seeds, or fills the volume.
     """
-    star = find_star(image, seeds, wall)
-    region = star_region(image, star, fill=fill)
+    region = region_within(image, surface, fill=fill)
     if region is None or not _contains(region, np.atleast_2d(seeds)) or fills_volume(image, region):
         return None
-    return region, star
+    return region
 
 
-def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None:
-    """Take the voxels inside of a star-shaped surface; near the surface, only those within limits of grey levels.
+def region_within(image: Image, surface: RaySurface, *, fill: bool = True) -> Region | None:
+    """Take the voxels inside of a surface; near the surface, only those within limits of grey levels.
 
     Parameters
     ----------
     image : Image
-    star : Star
+    surface : RaySurface
         The organ's surface.
     fill : bool
         Fill cavities.
@@ -73,12 +68,12 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
         grey levels, or if the opening leaves no voxel.
     """
     try:
-        limits = _one_sided(Limits.along(edges_of(image, star), image), star)
+        limits = _one_sided(Limits.along(edges_of(image, surface), image), surface)
     except ValueError:
         # There are too few edges for limits.
         return None
-    start, stop = _box(image, star)
-    inward = _inward(image.crop(start, stop), star)
+    start, stop = _box(image, surface)
+    inward = _inward(image.crop(start, stop), surface)
     within = limits.holds(start, image.crop(start, stop).array)
     mask = (within & (inward > -1.0)) | (inward > 1.0)
     steps = image.ijk_to_ras[:3, :3]
@@ -88,24 +83,24 @@ def star_region(image: Image, star: Star, *, fill: bool = True) -> Region | None
         return None
     first, last = bounds(mask)
     grey = image.array[tuple(map(slice, start + first, start + last))][mask[tuple(map(slice, first, last))]]
-    threshold = (limits.low, float(grey.max())) if star.bright else (float(grey.min()), limits.high)
+    threshold = (limits.low, float(grey.max())) if surface.bright else (float(grey.min()), limits.high)
     return region_from_crop(image, mask, start, fill=fill, threshold=threshold, erosion=OPENING_MM)
 
 
-def edges_of(image: Image, star: Star) -> Edges:
-    """Convert the surface of a star to edges along rays from its centre."""
-    inner = star.inner[~star.cut] if not star.cut.all() else star.inner
+def edges_of(image: Image, surface: RaySurface) -> Edges:
+    """Convert a surface to edges along its rays."""
+    inner = surface.inner[~surface.cut] if not surface.cut.all() else surface.inner
     median_level = float(np.median(inner))
     return Edges(
-        distances=star.radii[None],
-        found=star.found[None],
-        points=star.points[None],
-        inner=star.inner[None],
-        outer=star.outer[None],
+        distances=surface.radii[None],
+        found=surface.found[None],
+        points=surface.points[None],
+        inner=surface.inner[None],
+        outer=surface.outer[None],
         levels=np.array([median_level]),
         median_level=median_level,
         spread=1.4826 * float(np.median(np.abs(inner - median_level))),
-        directions=star.directions,
+        directions=surface.directions,
         axes=image.ijk_to_ras[:3, :3] / image.spacing,
     )
 
@@ -122,27 +117,24 @@ def _contains(region: Region, seeds: np.ndarray) -> bool:
     return bool((outside[tuple(places.T)] <= CLICK_MM).all())
 
 
-def _one_sided(limits: Limits, star: Star) -> Limits:
+def _one_sided(limits: Limits, surface: RaySurface) -> Limits:
     """Keep only the limit towards the surroundings: an organ that is brighter than these has no upper limit."""
-    return replace(limits, high=np.inf) if star.bright else replace(limits, low=-np.inf)
+    return replace(limits, high=np.inf) if surface.bright else replace(limits, low=-np.inf)
 
 
-def _box(image: Image, star: Star) -> tuple[np.ndarray, np.ndarray]:
+def _box(image: Image, surface: RaySurface) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of a box around the shell, with a margin; voxels (k, j, i), the second exclusive."""
-    ends = image.to_ijk(star.points)[:, ::-1]
+    ends = image.to_ijk(surface.points)[:, ::-1]
     room = _SHELL_MM / image.spacing[::-1] + 2.0
     start = np.floor(ends.min(axis=0) - room).astype(int)
     stop = np.ceil(ends.max(axis=0) + room).astype(int) + 1
     return np.maximum(start, 0), np.minimum(stop, image.array.shape)
 
 
-def _inward(crop: Image, star: Star) -> np.ndarray:
+def _inward(crop: Image, surface: RaySurface) -> np.ndarray:
     """Distance of each voxel inward from the surface along its ray, in units of `_SHELL_MM`."""
     counts = np.maximum(np.ceil(crop.size * crop.spacing / _LATTICE_MM).astype(int), 2)
     k, j, i = np.indices(counts[::-1])
     nodes = np.stack([i, j, k], axis=-1) * (crop.size - 1.0) / (counts - 1.0)
-    away = crop.to_ras(nodes.reshape(-1, 3)) - star.center
-    distances = np.linalg.norm(away, axis=1)
-    radii = between(star.directions, star.radii, away / np.maximum(distances, 1e-9)[:, None])
-    inward = ((radii - distances) / _SHELL_MM).reshape(counts[::-1])
+    inward = surface.inward(crop.to_ras(nodes.reshape(-1, 3))).reshape(counts[::-1]) / _SHELL_MM
     return ndimage.zoom(inward.astype(np.float32), crop.size[::-1] / counts[::-1], order=1, grid_mode=False)
