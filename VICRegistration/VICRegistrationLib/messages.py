@@ -38,8 +38,13 @@ SENTENCES = {
         "separated again: by its shape and the points, without a threshold."
     ),
     "starts_differ": _(
-        "Growing by grey levels finds {grown_ml:.1f} ml, the star-shaped surface around the seeds {shaped_ml:.1f} ml. "
+        "Growing by grey levels finds {grown_ml:.1f} ml, the surface of least cost around seeds {shaped_ml:.1f} ml. "
         "The one of {taken_ml:.1f} ml was taken, because it agrees better with the image. Look at the contour."
+    ),
+    "surfaces_differ": _(
+        "The star-shaped surface around the seeds contains {star_ml:.1f} ml, the surface along the organ's axis "
+        "{along_ml:.1f} ml. The one of {taken_ml:.1f} ml was taken, because its edges are clearer where they differ. "
+        "Look at the contour."
     ),
     "segmentation_in_pieces": _(
         "The segmentation has {count} pieces. The largest was taken; the others, {left_out:.0%} of the voxels, were "

@@ -55,7 +55,7 @@ class Centreline:
     def bent(self, sphere: np.ndarray) -> np.ndarray:
         """Map points of the unit ball (n, 3) into the organ, (n, 3) mm: z runs along the axis, x and y across it."""
         points, frames, sections = (
-            _between(self.places, values, np.clip(sphere[:, 2], -1.0, 1.0))
+            interpolated(self.places, values, np.clip(sphere[:, 2], -1.0, 1.0))
             for values in (self.points, self.frames, self.sections)
         )
         across = np.einsum("nab,nb->na", sections, sphere[:, :2])
@@ -104,7 +104,7 @@ def centreline(inside: np.ndarray, lattice: np.ndarray) -> Centreline | None:
     sections = _roots(4.0 * moments) / np.sqrt(1.0 - np.minimum(np.abs(middles), _HIGHEST) ** 2)[:, None, None]
     inner = np.clip(places, -_HIGHEST, _HIGHEST)
     smooth = ndimage.gaussian_filter1d(sections, 1.0, axis=0, mode="nearest")
-    return Centreline(places, curve, frames, _between(middles, smooth, inner))
+    return Centreline(places, curve, frames, interpolated(middles, smooth, inner))
 
 
 def _largest(inside: np.ndarray) -> np.ndarray:
@@ -159,8 +159,23 @@ def _roots(matrices: np.ndarray) -> np.ndarray:
     return np.einsum("nab,nb,ncb->nac", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
 
 
-def _between(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Interpolate values (n, ...) at places linearly."""
+def interpolated(places: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Interpolate values along a line.
+
+    Parameters
+    ----------
+    places : (n,) ndarray
+        Ascending.
+    values : (n, ...) ndarray
+        At the places.
+    wanted : (m,) ndarray
+        Other places.
+
+    Returns
+    -------
+    (m, ...) ndarray
+        Linear in between, and constant beyond both ends.
+    """
     flat = values.reshape(len(places), -1)
     columns = [np.interp(wanted, places, column) for column in flat.T]
     return np.stack(columns, axis=-1).reshape(*np.shape(wanted), *values.shape[1:])

@@ -21,8 +21,8 @@ _WITHOUT_EDGE = (0.28, 0.65)
 _AT_BORDER = (0.08, np.inf)
 _SHARES = {"no_edge_in_places": _WITHOUT_EDGE, "no_edge_at_side": _WITHOUT_EDGE, "reaches_border": _AT_BORDER}
 _CHECKED = (
-    *("starts_differ", "region_larger_than_seen", "no_further_step", "still_moving", "part_left_out"),
-    *("held_closer", "surface_kept", "segmentation_in_pieces", "ends_at_level", "points_without_edge"),
+    *("starts_differ", "surfaces_differ", "region_larger_than_seen", "no_further_step", "still_moving"),
+    *("part_left_out", "held_closer", "surface_kept", "segmentation_in_pieces", "ends_at_level", "points_without_edge"),
     "points_left",
 )
 _POOR = ("invalid_surface", "no_clear_edge", "volume_differs")

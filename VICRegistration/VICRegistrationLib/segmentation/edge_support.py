@@ -20,6 +20,8 @@ _SIDE, _STEP_MM = 3, 0.75
 # edge has the same support.
 _BESIDE = 2
 _DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
+# A boundary is far from another one if it is farther than this.
+_APART_MM = 3.0
 # Normals are computed from the voxels within this distance.
 _AROUND_MM = 3.0
 
@@ -95,6 +97,26 @@ def edge_support(image: Image, region: Region, surface: RaySurface) -> float:
     """
     strengths = edge_strengths(image, region, surface)[1]
     return float(strengths.mean()) if len(strengths) else 0.0
+
+
+def strength_apart(image: Image, region: Region, other: RaySurface) -> float:
+    """Mean edge strength along the part of a region's boundary that is far from another surface.
+
+    Parameters
+    ----------
+    image : Image
+    region : Region
+    other : RaySurface
+        Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
+
+    Returns
+    -------
+    float
+        From 0 to 1; 1 if no part is far.
+    """
+    places, strengths = edge_strengths(image, region, other)
+    apart = np.abs(other.inward(places)) > _APART_MM
+    return float(strengths[apart].mean()) if apart.any() else 1.0
 
 
 def edge_strengths(image: Image, region: Region, surface: RaySurface) -> tuple[np.ndarray, np.ndarray]:

@@ -9,8 +9,9 @@ import numpy as np
 from ..imaging.image import Image, as_image
 from ..imaging.region import Region, dice_coefficient
 from ..messages import Diagnostic
+from .axis_surface import find_along_axis
 from .checks import TooLarge, check_scale
-from .edge_support import area_without_edge, edge_support
+from .edge_support import area_without_edge, edge_support, strength_apart
 from .fluid_level import find_fluid_level
 from .growing import grown_region
 from .ray_edges import levels_at
@@ -45,7 +46,9 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
     - the voxels within limits of grey levels that are connected with the seeds (`grown_region`). This region follows
       organs of any shape, but leaks where the wall has a gap;
     - the voxels inside of the star-shaped surface of least cost (`find_star`, `shaped_region`). This region needs no
-      limits, but contains only what can be reached by straight lines from its centre.
+      limits, but contains only what can be reached by straight lines from its centre. If it is not the same organ as
+      the first region, a surface along the organ's axis (`find_along_axis`) is found too, and the one of both with
+      clearer edges where they differ is used.
 
     The second region is chosen if a smaller area of its boundary has no edge, as when the first has lobes or lacks a
     part, or if the first has leaked. Small pieces by which the first one differs are then added or removed if the edges
@@ -138,8 +141,7 @@ def _by_both_ways(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         grown, refused = grown_region(image, seeds, fill=fill), None
     except ValueError as error:
         grown, refused = None, error
-    surface = find_star(image, seeds)
-    shaped = shaped_region(image, surface, seeds, fill=fill)
+    shaped, surface = _by_shape(image, seeds, grown, fill)
     if shaped is None:
         if refused is not None:
             raise refused
@@ -148,7 +150,37 @@ def _by_both_ways(image: Image, seeds: np.ndarray, fill: bool) -> Region:
         if edge_support(image, shaped, surface) < _LEAST_SUPPORT or _is_noise(image, seeds, surface.contrast):
             raise refused
         return shaped
-    return _better(image, grown, shaped, surface, fill)
+    return _better(image, grown, replace(shaped, diagnostics=()), surface, fill)
+
+
+def _by_shape(image: Image, seeds: np.ndarray, grown: Region | None, fill: bool) -> tuple[Region | None, RaySurface]:
+    """Separate an organ by its shape: with a star-shaped surface, or with one along the axis.
+
+    A star-shaped surface that agrees with the grown region is enough.
+    """
+    star = find_star(image, seeds)
+    shaped = shaped_region(image, star, seeds, fill=fill)
+    if None not in (grown, shaped) and dice_coefficient(grown, shaped) >= _SAME_ORGAN:
+        return shaped, star
+    along = find_along_axis(image, star)
+    whole = None if along is None else shaped_region(image, along, seeds, fill=fill)
+    if whole is None:
+        return shaped, star
+    if shaped is None:
+        return whole, along
+    if dice_coefficient(shaped, whole) >= _SAME_ORGAN:
+        return shaped, star
+    taken, surface = shaped, star
+    if strength_apart(image, whole, star) > strength_apart(image, shaped, along):
+        taken, surface = whole, along
+    values = {"star_ml": shaped, "along_ml": whole, "taken_ml": taken}
+    return _with(taken, "surfaces_differ", values), surface
+
+
+def _with(region: Region, code: str, sizes: dict[str, Region]) -> Region:
+    """Add a diagnostic that has the volumes of regions to a region."""
+    values = {name: float(each.volume_ml) for name, each in sizes.items()}
+    return replace(region, diagnostics=(*region.diagnostics, Diagnostic(code, values)))
 
 
 def _better(image: Image, grown: Region, shaped: Region, surface: RaySurface, fill: bool) -> Region:
@@ -162,9 +194,7 @@ def _better(image: Image, grown: Region, shaped: Region, surface: RaySurface, fi
         better = with_pieces(image, shaped, grown, surface, fill=fill)
     if same:
         return better
-    sizes = {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better}
-    values = {name: float(region.volume_ml) for name, region in sizes.items()}
-    return replace(better, diagnostics=(*better.diagnostics, Diagnostic("starts_differ", values)))
+    return _with(better, "starts_differ", {"grown_ml": grown, "shaped_ml": shaped, "taken_ml": better})
 
 
 def _is_noise(image: Image, seeds: np.ndarray, contrast: float) -> bool:

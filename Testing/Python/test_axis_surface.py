@@ -1,0 +1,125 @@
+"""The surface of a long or bent organ along its axis, and the choice between it and other regions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reorientation import ORIENTATIONS, reordered
+from tubes import RADIUS_MM, bent_tube, walled_tube
+
+from VICRegistrationLib.imaging.image import Image
+from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
+from VICRegistrationLib.segmentation.axis_surface import capsule, find_along_axis
+from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.shaped_region import shaped_region
+from VICRegistrationLib.segmentation.star_surface import find_star
+
+FIRST, MIDDLE, LAST = 40, 200, 360
+
+
+@pytest.fixture(scope="module")
+def tube():
+    """A tube that is bent by 140 degrees."""
+    return bent_tube(140.0)
+
+
+@pytest.fixture(scope="module")
+def surface(tube):
+    """What is found along the axis from a click near an end."""
+    return find_along_axis(tube.image, find_star(tube.image, tube.axis[LAST]))
+
+
+@pytest.fixture(scope="module")
+def whole(tube, surface):
+    """The region inside of that surface."""
+    return shaped_region(tube.image, surface, tube.axis[LAST])
+
+
+@pytest.mark.parametrize("half_length", [0.2, 1.0, 4.0])
+def test_rays_are_evenly_spread_over_a_capsule(half_length):
+    graph = capsule(half_length, 0.3)
+    on_axis = np.clip(graph.places, [0.0, 0.0, -half_length], [0.0, 0.0, half_length])
+    np.testing.assert_allclose(np.linalg.norm(graph.places - on_axis, axis=1), 1.0, atol=1e-12)
+    area = 4.0 * np.pi * (1.0 + half_length)
+    assert len(graph.places) * 0.3**2 == pytest.approx(area, rel=0.15)
+    np.testing.assert_array_equal(graph.first[graph.back], graph.second)
+    counts = np.bincount(graph.first, minlength=len(graph.places))
+    assert counts.min() >= 3
+    assert counts.mean() == pytest.approx(5.0, abs=1.0)
+    np.testing.assert_allclose(np.linalg.norm(graph.on_sphere, axis=1), 1.0, atol=1e-12)
+
+
+def test_equal_areas_of_a_capsule_are_equal_areas_of_the_sphere():
+    heights = np.sort(capsule(4.0, 0.1).on_sphere[:, 2])
+    np.testing.assert_allclose(heights, np.linspace(-1.0, 1.0, len(heights)), atol=0.02)
+
+
+def test_a_ray_passes_the_place_that_its_points_have(surface):
+    axis = surface.source
+    places, distances = axis.coordinates(surface.points)
+    np.testing.assert_allclose(distances, surface.radii, atol=0.1)
+    assert np.linalg.norm(places - surface.graph.places, axis=1).max() < 0.1
+
+
+def test_the_axis_grows_from_one_end_of_a_tube_to_the_other(tube, surface):
+    ends = surface.source.points[[0, -1]]
+    expected = tube.axis[[0, -1]]
+    away = min(np.linalg.norm(ends - each, axis=1).max() for each in (expected, expected[::-1]))
+    assert away < RADIUS_MM / 2.0
+    np.testing.assert_allclose(tube.distances(surface.points), 0.0, atol=2.0)
+    assert surface.found.mean() > 0.95
+
+
+def test_one_click_near_an_end_finds_all_of_a_bent_tube(tube, whole):
+    star = find_star(tube.image, tube.axis[LAST])
+    truth = region_from_mask(tube.image, tube.mask)
+    assert dice_coefficient(shaped_region(tube.image, star, tube.axis[LAST]), truth) < 0.8
+    assert dice_coefficient(whole, truth) > 0.97
+
+
+@pytest.mark.parametrize(("gap_mm", "left", "place"), [(0.0, 1.0, LAST), (8.0, 1.0, MIDDLE), (0.0, 0.5, MIDDLE)])
+def test_a_bent_organ_is_separated_from_one_click(gap_mm, left, place):
+    """A star-shaped surface contains about half of it, and what is grown leaks through a gap."""
+    tube = walled_tube(100.0, gap_mm=gap_mm, left=left)
+    region = separate(tube.image, tube.axis[place])
+    assert dice_coefficient(region, region_from_mask(tube.image, tube.mask)) > 0.95
+
+
+def test_where_growing_agrees_with_the_surface_along_the_axis_there_is_no_doubt(tube):
+    region = separate(tube.image, tube.axis[FIRST])
+    assert region.diagnostics == ()
+
+
+def test_several_clicks_may_have_their_mean_outside_of_a_bent_organ():
+    tube = walled_tube(220.0)
+    seeds = tube.axis[[FIRST, MIDDLE, LAST]]
+    assert tube.distances(seeds.mean(axis=0)[None])[0] > 0.0
+    whole = shaped_region(tube.image, find_along_axis(tube.image, find_star(tube.image, seeds)), seeds)
+    assert dice_coefficient(whole, region_from_mask(tube.image, tube.mask)) > 0.97
+
+
+@pytest.mark.parametrize(("order", "flips"), ORIENTATIONS[3:4])
+def test_a_region_along_an_axis_hardly_depends_on_the_order_of_the_volumes_axes(tube, whole, order, flips):
+    copy = reordered(tube.image, order, flips)
+    again = shaped_region(copy, find_along_axis(copy, find_star(copy, tube.axis[LAST])), tube.axis[LAST])
+    expected, found = (
+        Image(region.in_box((0, 0, 0), image.array.shape), image.ijk_to_ras).canonical().array
+        for region, image in ((whole, tube.image), (again, copy))
+    )
+    assert np.count_nonzero(found != expected) < 0.01 * np.count_nonzero(expected)
+
+
+def test_the_axis_of_a_ball_adds_nothing_to_its_star_shaped_surface():
+    places = np.indices((41,) * 3) - 20.0
+    levels = np.where(np.linalg.norm(places, axis=0) < 15.0, 150.0, 50.0)
+    image = Image(levels + np.random.default_rng(0).normal(0.0, 3.0, levels.shape), np.eye(4))
+    star = find_star(image, np.full(3, 20.0))
+    along = find_along_axis(image, star)
+    first, second = (shaped_region(image, each, np.full(3, 20.0)) for each in (star, along))
+    assert dice_coefficient(first, second) > 0.97
+
+
+def test_an_organ_of_a_few_voxels_has_no_axis():
+    places = np.indices((21,) * 3) - 10.0
+    image = Image(np.where(np.linalg.norm(places, axis=0) < 2.5, 150.0, 50.0), np.eye(4))
+    assert find_along_axis(image, find_star(image, np.full(3, 10.0))) is None
