@@ -36,12 +36,18 @@ class Fitted:
 
 
 @pytest.fixture(scope="module")
-def separated(shared_data):
-    """Function that reads a bladder and separates it from its one seed: the bladder and its region, each once."""
+def drawn(shared_data):
+    """Function that reads a bladder and what experts have drawn, each once."""
+    return cache(lambda name: load_bladder(name, shared_data / "bladder_mri"))
+
+
+@pytest.fixture(scope="module")
+def separated(drawn):
+    """Function that separates a bladder from its one seed: the bladder and its region, each once."""
 
     @cache
     def separated(name):
-        bladder = load_bladder(name, shared_data / "bladder_mri")
+        bladder = drawn(name)
         return bladder, separate(bladder.image, bladder.seed)
 
     return separated
@@ -67,8 +73,8 @@ def test_a_bladder_is_separated_from_one_seed(separated, name, least):
 @pytest.mark.parametrize(
     ("name", "seed"), [("crop_IM1523", [-110.5, -139.0, -21.0]), ("full_p5", [-145.5, -106.5, -38.0])]
 )
-def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(shared_data, name, seed):
-    bladder = load_bladder(name, shared_data / "bladder_mri")
+def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(drawn, name, seed):
+    bladder = drawn(name)
     assert dice_coefficient(separate(bladder.image, [seed]), bladder.lumen) > 0.96
 
 
@@ -173,9 +179,9 @@ def test_a_dicom_folder_and_a_file_give_the_same_surface(clipped, shared_data):
     assert np.abs(other.surface.control_net - fit.surface.control_net).max() < 0.03
 
 
-def test_a_click_into_a_dark_part_finds_the_bladder(shared_data):
+def test_a_click_into_a_dark_part_finds_the_bladder(drawn):
     # All small surfaces around this place cost less than the bladder's, seen from there.
-    bladder = load_bladder("crop_IM0228", shared_data / "bladder_mri")
+    bladder = drawn("crop_IM0228")
     region = separate(bladder.image, [-142.5, -67.0, -21.0])
     assert dice_coefficient(region, bladder.lumen) > 0.94
 

@@ -68,6 +68,8 @@ def _without_gaps(label: np.ndarray) -> np.ndarray:
     label = label.copy()
     drawn = np.flatnonzero(label.any(axis=(1, 2)))
     for before, after in zip(drawn[:-1], drawn[1:]):
+        if after == before + 1:
+            continue
         below, above = (_signed(label[k]) for k in (before, after))
         for k in range(before + 1, after):
             label[k] = (after - k) * below + (k - before) * above < 0.0
