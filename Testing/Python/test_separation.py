@@ -135,7 +135,7 @@ def expected(image):
     return separate(image, SEEDS)
 
 
-@pytest.mark.parametrize(("order", "flips"), ORIENTATIONS[1::2])
+@pytest.mark.parametrize(("order", "flips"), ORIENTATIONS[3::4])
 def test_copies_with_other_axes_give_the_same_voxels(image, expected, order, flips):
     full = Image(expected.in_box((0, 0, 0), image.array.shape), image.ijk_to_ras).canonical()
     copy = reordered(image, order, flips)
