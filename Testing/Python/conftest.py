@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import shutil
 import sys
@@ -25,6 +26,12 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.skip(reason=f"takes long; set {_LONG_VARIABLE}=1 to run it"))
+
+
+def pytest_collection_finish():
+    """Leave what all tests have imported out of garbage collection, which looks at all of it each time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -146,11 +153,12 @@ def images(tmp_path_factory):
 @pytest.fixture(scope="session")
 def fitted_bladder(images, tmp_path_factory):
     """Folder of results of a bladder, with its exact solid and without pictures."""
-    from quick_fits import without_finer_nets
+    from quick_fits import cache, without_finer_nets
     from results_runs import fit
 
     with pytest.MonkeyPatch.context() as patch:
         without_finer_nets(patch)
+        cache(patch)
         folder = tmp_path_factory.mktemp("plain") / "out"
         assert fit(images / "mri.nrrd", "bladder", folder, "--no-pictures", "--step") == 0
     return folder

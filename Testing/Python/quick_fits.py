@@ -39,7 +39,8 @@ def keep_regions(monkeypatch):
 
 def cache(monkeypatch):
     """Keep the results of fits; one that was cancelled or failed is not kept."""
-    for module, name in ((organ, "fit_region"), (refit, "refit"), (fit, "fit_model")):
+    places = ((organ, "fit_region"), (fitting, "fit_region"), (refit, "refit"), (fit, "fit_model"))
+    for module, name in places:
         monkeypatch.setattr(module, name, _cached_steps(getattr(module, name)))
 
 
@@ -49,7 +50,8 @@ def _cached(function):
     @functools.wraps(function)
     def cached(*arguments, **options):
         arguments = [_rounded(value) for value in arguments]
-        options = {name: _rounded(value) for name, value in options.items()}
+        # An option that is None is one that was not given.
+        options = {name: _rounded(value) for name, value in options.items() if value is not None}
         key = _key(function, arguments, options)
         if key not in _results:
             _results[key] = region = function(*arguments, **options)

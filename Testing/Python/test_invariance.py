@@ -48,7 +48,7 @@ def difference(found, expected):
 
 
 # In test_separation all orientations in memory give the same voxels.
-@pytest.mark.parametrize(("matrix", "way"), list(zip([np.eye(4), *TURNS], ORIENTATIONS[5::3])))
+@pytest.mark.parametrize(("matrix", "way"), list(zip(TURNS, ORIENTATIONS[8::3])))
 def test_a_volume_turned_in_the_world_and_in_memory_gives_the_turned_surface(image, surface, matrix, way):
     found = finish(fit_organ(*moved(image, SEEDS, matrix, way), NET)).surface
     expected = surface.transformed(matrix)

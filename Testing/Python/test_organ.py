@@ -250,7 +250,6 @@ def test_nothing_happens_before_the_first_step(image):
     ("start", "stop", "faces"),
     [
         ((0, 0, 0), (11, 56, 52), {"k+"}),
-        ((0, 0, 0), (22, 30, 52), {"j+"}),
         ((6, 20, 20), (22, 56, 52), {"k-", "j-", "i-"}),
     ],
 )

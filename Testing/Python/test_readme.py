@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from quick_fits import without_finer_nets
 
 from VICRegistrationLib.cli import main
 
@@ -27,6 +28,7 @@ def folder(tmp_path_factory):
     """A folder in which the commands have run, but for the mesh where gmsh is missing."""
     path = tmp_path_factory.mktemp("readme")
     with pytest.MonkeyPatch.context() as patch:
+        without_finer_nets(patch)
         patch.chdir(path)
         for words in commands():
             if words[0] == "mesh":
@@ -56,7 +58,7 @@ def test_the_commands_write_what_they_say(folder):
         assert (folder / "build" / name).stat().st_size > 0, name
 
 
-def test_the_lines_of_python_run(folder, monkeypatch, capsys):
+def test_the_lines_of_python_run(folder, one_net, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     exec(compile(BLOCKS["python"], "README.md", "exec"), {})
     assert (folder / "build" / "bladder.step").stat().st_size > 0

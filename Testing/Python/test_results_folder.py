@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from quick_fits import compare_few_points, without_finer_nets
+from quick_fits import cache, compare_few_points, without_finer_nets
 from results_runs import OTHER_SEED, check_report, configuration, content, fit, refer, report
 from small_phantom import CENTER
 
@@ -20,7 +20,7 @@ from VICRegistrationLib.cli.organ_entries import organ_entry, restored_organ
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import read_image
 
-pytestmark = pytest.mark.usefixtures("one_net", "few_points", "small_pictures")
+pytestmark = pytest.mark.usefixtures("cached_fits", "few_points", "small_pictures")
 
 ROOT = Path(__file__).resolve().parents[2]
 ENDINGS = (".json", ".vtp", ".stl", "_convergence.csv")
@@ -38,6 +38,7 @@ def pictured(images, small_pictures, tmp_path_factory):
     words = ["fit", images / "mri.nrrd", "--config", config, "--reference", images / "truth.json"]
     with pytest.MonkeyPatch.context() as patch:
         without_finer_nets(patch)
+        cache(patch)
         compare_few_points(patch)
         assert cli.main([str(word) for word in [*words, "--output", base / "out", "--quiet"]]) == 0
     return base / "out"
