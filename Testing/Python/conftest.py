@@ -61,6 +61,14 @@ def cached_fits(one_net, monkeypatch):
 
 
 @pytest.fixture
+def grown_regions(monkeypatch):
+    """Separate by grey levels alone, for tests where any region does: that takes a small part of the time."""
+    import quick_fits
+
+    quick_fits.without_shapes(monkeypatch)
+
+
+@pytest.fixture
 def few_points(monkeypatch):
     """Compare surfaces by a tenth of the usual points, for tests of what is around a comparison."""
     import quick_fits

@@ -15,7 +15,7 @@ from VICRegistrationLib.imaging.reading import write_image
 from VICRegistrationLib.meshing import process
 from VICRegistrationLib.phantoms import pelvis
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "small_pictures")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "small_pictures")
 
 
 @pytest.fixture(scope="module")

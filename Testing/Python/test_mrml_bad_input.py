@@ -10,7 +10,7 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.imaging.image import Image
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 @pytest.fixture

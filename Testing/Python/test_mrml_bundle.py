@@ -15,7 +15,7 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 # Every setting of an organ with a value that is not its default, as text or number; enums by name.
 OTHER_SETTINGS = {

@@ -21,7 +21,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 from VICRegistrationLib.geometry.triangulation import triangulate
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "few_points")
 
 
 def test_the_surface_is_coloured_with_one_range_on_both_sides_and_a_legend(logic, organ):

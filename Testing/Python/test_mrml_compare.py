@@ -28,7 +28,7 @@ from VICRegistrationLib.geometry.triangulation import triangulate
 from VICRegistrationLib.geometry.volume_fractions import volume_fractions
 from VICRegistrationLib.imaging.image import Image
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "few_points")
 
 RIGID = motion(40, (2, -1, 1), (12, -9, 4))
 SCALING = np.diag([1.1, 0.9, 1.2, 1.0])

@@ -22,7 +22,7 @@ from small_phantom import ellipsoid
 
 from VICRegistrationLib.analysis.comparison import compare
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "few_points")
 
 
 @pytest.fixture(scope="module")

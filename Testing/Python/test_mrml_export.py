@@ -13,7 +13,7 @@ from VICRegistrationLib.export.mesh_reading import read_vtp_record
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.geometry.surface_file import read_surface
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 SCALING = np.diag([1.2, 0.8, 1.5, 1.0])
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])

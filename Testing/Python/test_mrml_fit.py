@@ -89,7 +89,7 @@ def test_an_oblique_volume_gives_the_surface_of_the_command_line(logic, tmp_path
     assert deviation(found, ellipsoid().transformed(turn), n_points=1000).mean < 0.25
 
 
-@pytest.mark.parametrize(("factor", "offset"), [(1e-4, 0.0), (3e5, 0.0), (1.0, -1024.0)])
+@pytest.mark.parametrize(("factor", "offset"), [(1e-4, 0.0), (3e5, -3e8)])
 def test_grey_levels_of_any_size_are_fitted(logic, factor, offset):
     image = mrml_scenes.mri()
     scaled = Image(image.array.astype(np.float64) * factor + offset, image.ijk_to_ras)

@@ -8,7 +8,7 @@ import pytest
 from mrml_scenes import slicer
 from reorientation import motion
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 @pytest.fixture

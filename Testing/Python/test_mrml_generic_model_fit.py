@@ -13,7 +13,7 @@ import pytest
 from VICRegistrationLib.multipatch.file import write_model
 from VICRegistrationLib.multipatch.pelvis import pelvis as generic_pelvis
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from VICRegistrationLib.geometry.surface_file import read_surface
 from VICRegistrationLib.multipatch.colours import patch_colours
 from VICRegistrationLib.multipatch.file import read_model
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 @pytest.fixture

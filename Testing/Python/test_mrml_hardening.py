@@ -12,7 +12,7 @@ from small_phantom import CENTER
 
 from VICRegistrationLib.geometry.projection import closest_points
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 MATRICES = {
     "rotation": motion(75, (1, 2, -1), (30, -60, 12)),

@@ -10,16 +10,7 @@ import pytest
 from mrml_scenes import slicer
 from small_phantom import CENTER
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "frozen")
-
-
-@pytest.fixture(scope="module")
-def frozen():
-    """Leave what was there before these tests out of garbage collection, which looks at all of it each time."""
-    gc.collect()
-    gc.freeze()
-    yield
-    gc.unfreeze()
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 def observers(scene):

@@ -13,7 +13,7 @@ from small_phantom import CENTER
 from VICRegistrationLib.gui.option_texts import ELSEWHERE, WIDGETS
 from VICRegistrationLib.registration.options import OPTIONS, FitOptions
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 
 @pytest.fixture

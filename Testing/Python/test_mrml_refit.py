@@ -12,7 +12,7 @@ from small_phantom import CENTER, ellipsoid
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 # Asked for: a point 5 mm off the edge pulls the surface to within 0.5 mm of it.
 PULLED_MM = 0.5

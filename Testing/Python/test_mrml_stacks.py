@@ -15,7 +15,7 @@ from stack_phantom import MOTION, dented, stack_of
 from VICRegistrationLib.geometry.projection import closest_points
 from VICRegistrationLib.registration.options import FitOptions
 
-pytestmark = pytest.mark.usefixtures("cached_fits")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
 
 SHIFT = np.linalg.norm([2.0, -1.5, 1.5])
 QUICK = FitOptions(net=(9, 7))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "few_points")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "few_points")
 
 pytest.importorskip("slicer", reason="slicer-core is not installed")
 

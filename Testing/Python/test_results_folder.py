@@ -20,7 +20,7 @@ from VICRegistrationLib.cli.organ_entries import organ_entry, restored_organ
 from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.reading import read_image
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "few_points", "small_pictures")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "few_points", "small_pictures")
 
 ROOT = Path(__file__).resolve().parents[2]
 ENDINGS = (".json", ".vtp", ".stl", "_convergence.csv")

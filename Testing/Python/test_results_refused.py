@@ -9,7 +9,7 @@ from results_runs import OTHER_SEED, check_report, content, fit, refer, report
 
 from VICRegistrationLib.cli import fitting
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "small_pictures")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "small_pictures")
 
 
 def test_another_image_is_refused_and_nothing_changes(images, results, capsys):
