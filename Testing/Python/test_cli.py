@@ -25,7 +25,7 @@ from VICRegistrationLib.geometry.surface_file import read_surface_record
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "small_pictures")
+pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "small_pictures")
 
 ELLIPSOID_ML = 4.0 / 3.0 * np.pi * 14.0 * 18.0 * 22.0 / 1000.0
 

@@ -17,7 +17,7 @@ from VICRegistrationLib.cli.process import silenced_stderr
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
-pytestmark = pytest.mark.usefixtures("one_net")
+pytestmark = pytest.mark.usefixtures("one_net", "grown_regions")
 
 ORGAN = ("--organ", "bladder", "--seed", SEED)
 

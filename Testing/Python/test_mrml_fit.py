@@ -70,6 +70,7 @@ def test_a_volume_with_voxels_of_any_type_is_the_image_of_its_file(scene, tmp_pa
     is_read_alike(image, tmp_path)
 
 
+@pytest.mark.usefixtures("grown_regions")
 def test_the_surface_is_that_of_the_command_line(logic, tmp_path):
     image = reordered(as_type(mrml_scenes.mri(), "uint8"), (1, 0, 2), (True, True, True))
     expected = by_command_line(image, tmp_path)
@@ -77,6 +78,7 @@ def test_the_surface_is_that_of_the_command_line(logic, tmp_path):
     assert np.abs(found.control_net - expected.control_net).max() < SAME_MM
 
 
+@pytest.mark.usefixtures("grown_regions")
 def test_an_oblique_volume_gives_the_surface_of_the_command_line(logic, tmp_path):
     # About the centre, so that the seed stays in it.
     turn = motion(35, (1, -2, 1))

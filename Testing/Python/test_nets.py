@@ -17,6 +17,8 @@ from VICRegistrationLib.registration.organ import fit_organ
 from VICRegistrationLib.registration.refit import refit
 from VICRegistrationLib.registration.steps import finish
 
+pytestmark = pytest.mark.usefixtures("grown_regions")
+
 
 def choices(fit):
     return {choice.option: choice for choice in fit.choices}

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from quick_fits import compare_few_points, without_finer_nets
+from quick_fits import compare_few_points, without_finer_nets, without_shapes
 from small_phantom import CENTER, SEED, ellipsoid, ellipsoid_image
 
 from VICRegistrationLib import cli
@@ -326,6 +326,7 @@ def folder(tmp_path_factory):
     # Nobody looks at these surfaces and pictures.
     with pytest.MonkeyPatch.context() as patch, matplotlib.rc_context({"savefig.dpi": 30}):
         without_finer_nets(patch)
+        without_shapes(patch)
         compare_few_points(patch)
         assert cli.main(["fit", str(place / "mri.nii.gz"), *map(str, words), "--step", "--quiet"]) == 0
     return place
