@@ -47,7 +47,7 @@ def difference(found, expected):
     return np.abs(found.control_net - expected.control_net).max()
 
 
-# In test_separation all orientations in memory give the same voxels.
+# In test_separation other orders of axes in memory give the same voxels.
 @pytest.mark.parametrize(("matrix", "way"), list(zip(TURNS, ORIENTATIONS[8::3])))
 def test_a_volume_turned_in_the_world_and_in_memory_gives_the_turned_surface(image, surface, matrix, way):
     found = finish(fit_organ(*moved(image, SEEDS, matrix, way), NET)).surface
