@@ -17,7 +17,7 @@ from VICRegistrationLib.geometry.surface_file import write_surface
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.reading import write_image
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "small_pictures")
+pytestmark = pytest.mark.usefixtures("one_net", "small_pictures")
 
 CENTERS = {"bladder": (20.0, -10.0, 5.0), "rectum": (-20.0, -10.0, 5.0)}
 

@@ -40,7 +40,7 @@ from VICRegistrationLib.report.views import (
 )
 
 matplotlib = pytest.importorskip("matplotlib", reason="pictures need matplotlib")
-pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions")
+pytestmark = pytest.mark.usefixtures("one_net")
 
 # Of the slices of a ball of 20 mm: with a margin of 18 mm.
 HALF_WIDTH = 38.0

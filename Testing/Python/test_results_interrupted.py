@@ -16,7 +16,7 @@ import VICRegistrationLib
 from VICRegistrationLib.cli import results_folder
 from VICRegistrationLib.cli.outputs import write_organ
 
-pytestmark = pytest.mark.usefixtures("cached_fits", "grown_regions", "small_pictures")
+pytestmark = pytest.mark.usefixtures("one_net", "small_pictures")
 
 ROOT = Path(__file__).resolve().parents[2]
 

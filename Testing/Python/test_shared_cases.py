@@ -67,7 +67,7 @@ def test_every_case_is_known():
 
 
 @pytest.mark.parametrize("name", sorted(RIGHT))
-def test_a_case_ends_right(name, cached_fits, tmp_path, monkeypatch, capsys):
+def test_a_case_ends_right(name, one_net, tmp_path, monkeypatch, capsys):
     if name.startswith(("enhanced", "dicom_seg")) and importlib.util.find_spec("highdicom") is None:
         pytest.skip("highdicom is not installed")
     monkeypatch.chdir(CASES)
