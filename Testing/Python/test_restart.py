@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from boundaries import off
 from small_phantom import CENTER, ellipsoid
+from tubes import RADIUS_MM, bent_tube
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.imaging.region import region_from_mask
 from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
+from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.refit import refit
 from VICRegistrationLib.registration.steps import finish
 
@@ -51,6 +54,22 @@ def test_one_point_is_enough_where_a_fragment_was_fitted(image, fit):
     stages = [step.stage for step in found.history]
     assert stages[0] == "through the points, global scaling"
     assert stages[-1] == "boundary points"
+
+
+def test_one_point_is_enough_where_half_of_a_bent_organ_was_fitted():
+    """No star-shaped surface passes a point around the bend."""
+    tube = bent_tube(140.0)
+    half = tube.mask.copy()
+    half[:, :, : half.shape[2] // 2] = False
+    part = finish(fit_region(tube.image, region_from_mask(tube.image, half), FitOptions(net=(9, 7)))).surface
+    outward = tube.axis[0] - tube.axis[5]
+    tip = tube.axis[0] + RADIUS_MM * outward / np.linalg.norm(outward)
+    assert np.abs(closest_points(part, tip[None]).distances[0]) > 30.0
+    found, again = through(tube.image, part, tip[None])
+    assert again
+    assert found.problems == ()
+    assert tube.errors(found.surface).mean() < 0.3
+    assert np.abs(boundary_deviations(found.surface, tip[None])).max() < 0.5
 
 
 def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):

@@ -1,9 +1,10 @@
 """Second separation of an organ, through boundary points that contradict the first fit.
 
 Points far from the surface show that the separation has failed, because of a given threshold, or in an image that shows
-two shapes. Then the star-shaped surface of least cost that passes the points is found; it needs neither a threshold nor
-the first surface. A fit to its region replaces the first fit if it comes near the points without being pulled by them,
-is the same organ, and differs little where there are no points. Then the points correct it, see :mod:`.correction`.
+two shapes. Then the surface of least cost that passes the points is found, star-shaped or along the organ's axis; it
+needs neither a threshold nor the first surface. A fit to its region replaces the first fit if it comes near the points
+without being pulled by them, is the same organ, and differs little where there are no points. Then the points correct
+it, see :mod:`.correction`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ..geometry.surface import BSplineSurface
 from ..imaging.image import Image
 from ..imaging.region import Region
 from ..messages import Diagnostic
+from ..segmentation.axis_surface import find_along_axis
 from ..segmentation.shaped_region import shaped_region
 from ..segmentation.star_surface import find_star
 
@@ -44,7 +46,7 @@ def contradicted(away: np.ndarray) -> bool:
 
 
 def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, away: np.ndarray) -> Region | None:
-    """Separate an organ by the star-shaped surface of least cost that passes boundary points.
+    """Separate an organ by the surface of least cost that passes boundary points: star-shaped, or along its axis.
 
     Parameters
     ----------
@@ -63,7 +65,11 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     """
     center = surface.control_net.mean(axis=(0, 1))
     inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
-    region = shaped_region(image, find_star(image, inside, points), inside)
+    found = find_star(image, inside, points)
+    if contradicted(np.abs(found.inward(points))):
+        # The organ may be long or bent, and the surface have contained a part of it.
+        found = find_along_axis(image, find_star(image, inside), points)
+    region = None if found is None else shaped_region(image, found, inside)
     if region is None:
         return None
     contradiction = Diagnostic("start_contradicted", {"away_mm": float(away.max())})

@@ -20,7 +20,7 @@ from .ray_search import RaySearch
 from .ray_surface import RaySurface
 
 # Distance between neighbouring rays, in half widths of the organ: in the searches, and in the last one.
-_COARSE, _FINE = 0.3, 0.15
+_COARSE, _FINE = 0.4, 0.2
 # The axis begins and ends this many half widths before the ends of the organ.
 _FROM_END = 1.0
 # The axis is computed from the points of a lattice of this spacing, and has points so far apart.
@@ -111,7 +111,7 @@ class Axis:
         return places, distances
 
 
-def find_along_axis(image: Image, star: RaySurface) -> RaySurface | None:
+def find_along_axis(image: Image, star: RaySurface, wall: np.ndarray | None = None) -> RaySurface | None:
     """Find the surface of least cost along an organ's axis.
 
     Parameters
@@ -119,6 +119,8 @@ def find_along_axis(image: Image, star: RaySurface) -> RaySurface | None:
     image : Image
     star : RaySurface
         The star-shaped surface of a part of the organ, or of all of it.
+    wall : (n, 3) ndarray, optional
+        Places that the surface has to pass, RAS mm.
 
     Returns
     -------
@@ -129,7 +131,7 @@ def find_along_axis(image: Image, star: RaySurface) -> RaySurface | None:
     -----
     Costs are those of the star-shaped surface, see :func:`.star_surface.find_star`.
     """
-    search, surface, longest, without_growth = RaySearch(image, star.source.point), star, 0.0, 0
+    search, surface, longest, without_growth = RaySearch(image, star.source.point, wall), star, 0.0, 0
     while True:
         axis = _axis_of(surface, search.axes)
         if axis is None:
