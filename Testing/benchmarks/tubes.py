@@ -127,7 +127,7 @@ def report(*, quick: bool) -> str:
 
 def _from_clicks(*, quick: bool) -> list[list[str]]:
     places = CLICKS if not quick else list(CLICKS)[:1]
-    rows = [["bent by", "image", *(f"click {place}, mean mm" for place in places), "largest mm"]]
+    rows = [["tube bent by", "image", *(f"click {place}, mean mm" for place in places), "largest mm"]]
     for degrees in BENDS[3:4] if quick else BENDS[1::2]:
         for name, (gap, left) in HARD.items():
             tube = walled_tube(degrees, gap_mm=gap, left=left)
