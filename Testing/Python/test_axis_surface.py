@@ -9,7 +9,10 @@ from tubes import RADIUS_MM, bent_tube, walled_tube
 
 from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
+from VICRegistrationLib.segmentation import axis_surface
 from VICRegistrationLib.segmentation.axis_surface import capsule, find_along_axis
+from VICRegistrationLib.segmentation.edge_support import strength_apart
+from VICRegistrationLib.segmentation.growing import grown_region
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.shaped_region import shaped_region
 from VICRegistrationLib.segmentation.star_surface import find_star
@@ -79,13 +82,14 @@ def test_one_click_near_an_end_finds_all_of_a_bent_tube(tube, whole):
 
 @pytest.mark.parametrize(("gap_mm", "left", "place"), [(0.0, 1.0, LAST), (8.0, 1.0, MIDDLE), (0.0, 0.5, MIDDLE)])
 def test_a_bent_organ_is_separated_from_one_click(gap_mm, left, place):
-    """A star-shaped surface contains about half of it, and what is grown leaks through a gap."""
+    """From a click near an end, through a gap in the wall, and where the signal falls to half along the organ."""
     tube = walled_tube(100.0, gap_mm=gap_mm, left=left)
     region = separate(tube.image, tube.axis[place])
     assert dice_coefficient(region, region_from_mask(tube.image, tube.mask)) > 0.95
 
 
-def test_where_growing_agrees_with_the_surface_along_the_axis_there_is_no_doubt(tube):
+def test_there_is_no_diagnostic_where_growing_agrees_with_the_surface_along_the_axis(tube, whole):
+    assert dice_coefficient(grown_region(tube.image, tube.axis[[FIRST]]), whole) > 0.95
     region = separate(tube.image, tube.axis[FIRST])
     assert region.diagnostics == ()
 
@@ -117,9 +121,37 @@ def test_the_axis_of_a_ball_adds_nothing_to_its_star_shaped_surface():
     along = find_along_axis(image, star)
     first, second = (shaped_region(image, each, np.full(3, 20.0)) for each in (star, along))
     assert dice_coefficient(first, second) > 0.97
+    assert strength_apart(image, first, along, star) == strength_apart(image, second, star, star) == 1.0
 
 
-def test_an_organ_of_a_few_voxels_has_no_axis():
-    places = np.indices((21,) * 3) - 10.0
-    image = Image(np.where(np.linalg.norm(places, axis=0) < 2.5, 150.0, 50.0), np.eye(4))
-    assert find_along_axis(image, find_star(image, np.full(3, 10.0))) is None
+def test_edges_are_clearer_where_the_whole_organ_is_apart_from_a_part_of_it(tube, surface, whole):
+    star = find_star(tube.image, tube.axis[LAST])
+    part = shaped_region(tube.image, star, tube.axis[LAST])
+    assert strength_apart(tube.image, whole, star, star) > 0.9
+    assert strength_apart(tube.image, part, surface, star) < 0.5
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(-1.0, 4000.0), (100.0, -1000.0)])
+def test_a_region_along_an_axis_depends_on_contrast_alone(tube, whole, factor, offset):
+    image = Image(factor * tube.image.array + offset, tube.image.ijk_to_ras)
+    along = find_along_axis(image, find_star(image, tube.axis[LAST]))
+    assert along.bright == (factor > 0.0)
+    again = shaped_region(image, along, tube.axis[LAST])
+    assert again.offset == whole.offset
+    np.testing.assert_array_equal(again.mask, whole.mask)
+
+
+def test_a_tube_that_the_volume_cuts_goes_on_to_the_volumes_end(tube):
+    image = tube.image.crop((0, 0, 0), (*tube.image.array.shape[:2], 100))
+    star = find_star(image, tube.axis[MIDDLE])
+    region = shaped_region(image, find_along_axis(image, star), tube.axis[MIDDLE])
+    truth = region_from_mask(image, tube.mask[:, :, :100])
+    assert region.touches_border == ("i+",)
+    assert dice_coefficient(region, truth) > 0.96
+
+
+def test_an_organ_that_is_flatter_than_the_lattice_has_no_axis(monkeypatch):
+    monkeypatch.setattr(axis_surface, "LATTICE", 2.0)
+    k, j, i = np.indices((15, 61, 61)) - np.array([7.0, 30.0, 30.0])[:, None, None, None]
+    image = Image(np.where((np.abs(k) < 2.0) & (np.hypot(i, j) < 20.0), 150.0, 50.0), np.eye(4))
+    assert find_along_axis(image, find_star(image, np.array([30.0, 30.0, 7.0]))) is None

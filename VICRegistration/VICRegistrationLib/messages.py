@@ -38,13 +38,14 @@ SENTENCES = {
         "separated again: by its shape and the points, without a threshold."
     ),
     "starts_differ": _(
-        "Growing by grey levels finds {grown_ml:.1f} ml, the surface of least cost around seeds {shaped_ml:.1f} ml. "
-        "The one of {taken_ml:.1f} ml was taken, because it agrees better with the image. Look at the contour."
+        "Growing by grey levels finds {grown_ml:.1f} ml, the search for a closed surface {shaped_ml:.1f} ml. "
+        "The one of {taken_ml:.1f} ml was taken, because it agrees better with the image. Look at the contour; if a "
+        "part is missing, add a seed there, and if it goes too far, place points on the wall."
     ),
     "surfaces_differ": _(
-        "The star-shaped surface around the seeds contains {star_ml:.1f} ml, the surface along the organ's axis "
-        "{along_ml:.1f} ml. The one of {taken_ml:.1f} ml was taken, because its edges are clearer where they differ. "
-        "Look at the contour."
+        "The search for a closed surface finds {star_ml:.1f} ml from one centre, and {along_ml:.1f} ml along the "
+        "organ's axis. The one of {taken_ml:.1f} ml was taken, because its edges are clearer where they differ. Look "
+        "at both ends of the organ; if one is wrong, place points on the wall."
     ),
     "segmentation_in_pieces": _(
         "The segmentation has {count} pieces. The largest was taken; the others, {left_out:.0%} of the voxels, were "

@@ -65,11 +65,14 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     """
     center = surface.control_net.mean(axis=(0, 1))
     inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
-    found = find_star(image, inside, points)
-    if contradicted(np.abs(found.inward(points))):
-        # The organ may be long or bent, and the surface have contained a part of it.
-        found = find_along_axis(image, find_star(image, inside), points)
-    region = None if found is None else shaped_region(image, found, inside)
+    star = find_star(image, inside, points)
+    region = shaped_region(image, star, inside)
+    if contradicted(np.abs(star.inward(points))):
+        # The organ may be long or bent, and both surfaces a part of it. The mean of the control points may be outside.
+        middle = surface.points(*surface.midpoints(_SAMPLES[0], 1)).mean(axis=0)
+        along = find_along_axis(image, find_star(image, middle), points)
+        whole = None if along is None else shaped_region(image, along, middle)
+        region = region if whole is None else whole
     if region is None:
         return None
     contradiction = Diagnostic("start_contradicted", {"away_mm": float(away.max())})

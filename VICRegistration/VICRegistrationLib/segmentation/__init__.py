@@ -1,1 +1,1 @@
-"""From a click to a region: edges along rays, star-shaped surfaces, limits of grey levels, growing, checks."""
+"""From a click to a region: edges along rays, surfaces of least cost along rays, limits of grey levels, growing."""

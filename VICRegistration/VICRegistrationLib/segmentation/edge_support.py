@@ -20,7 +20,7 @@ _SIDE, _STEP_MM = 3, 0.75
 # edge has the same support.
 _BESIDE = 2
 _DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
-# A boundary is far from another one if it is farther than this.
+# A boundary is apart from a surface where it is farther than this from it, measured along the surface's rays.
 _APART_MM = 3.0
 # Normals are computed from the voxels within this distance.
 _AROUND_MM = 3.0
@@ -99,22 +99,23 @@ def edge_support(image: Image, region: Region, surface: RaySurface) -> float:
     return float(strengths.mean()) if len(strengths) else 0.0
 
 
-def strength_apart(image: Image, region: Region, other: RaySurface) -> float:
-    """Mean edge strength along the part of a region's boundary that is far from another surface.
+def strength_apart(image: Image, region: Region, other: RaySurface, unit: RaySurface) -> float:
+    """Mean edge strength along the part of a region's boundary that is apart from another surface.
 
     Parameters
     ----------
     image : Image
     region : Region
     other : RaySurface
+    unit : RaySurface
         Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
 
     Returns
     -------
     float
-        From 0 to 1; 1 if no part is far.
+        From 0 to 1; 1 if no part is apart.
     """
-    places, strengths = edge_strengths(image, region, other)
+    places, strengths = edge_strengths(image, region, unit)
     apart = np.abs(other.inward(places)) > _APART_MM
     return float(strengths[apart].mean()) if apart.any() else 1.0
 

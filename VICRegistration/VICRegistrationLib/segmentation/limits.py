@@ -12,7 +12,7 @@ from .ray_edges import Edges
 from .threshold import FEWEST_ON_SIDE, threshold_between
 
 # The limits at a place are a mean over edges around it, weighted by a Gaussian. This is its standard deviation and the
-# spacing of the lattice, in radii of a ball of the organ's volume.
+# spacing of the lattice, in radii of a ball of the organ's volume; in half widths if rays start along an axis.
 _REACH = 0.5
 # The limit leaves this share of the edges beyond it, towards the outside level. So edges between bright and dim parts
 # of the organ count less than the wall behind them.

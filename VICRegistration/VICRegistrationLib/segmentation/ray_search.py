@@ -19,7 +19,7 @@ from .sphere import smoothed
 # Distance between samples along a ray, and length of the rays. With samples 0.375 or 1.5 mm apart the Dice coefficient
 # of the star-shaped region changes by at most 0.01 in three hard bladders (IM0228, IM0952, IM1383).
 STEP_MM, _LONGEST_MM = 0.75, 100.0
-# The image is cropped to this distance from the seed: the centre of a long organ is far from a seed at its end.
+# The image is cropped to this distance from a place: the centre of a long organ is far from a seed at its end.
 _REACH_MM = 1.5 * _LONGEST_MM
 # The radii to choose from begin here, each is longer than the one before by this ratio, and those of neighbouring rays
 # are at most so many places apart.
@@ -53,7 +53,8 @@ _CHANGE_MM, _SHADING_CHANGE, _NOISE_CHANGE = 0.75, 0.08, 1.0
 # bladders slopes may weigh 0.055 to 0.22; with less than 0.12 a rectum in thick slices goes on through the anal canal.
 _CROSSED_WEIGHT, _RISE_WEIGHT, _SMOOTHNESS, _BORDER_WEIGHT = 0.3, 0.35, 0.13, 0.2
 # Cost of a radius that is excluded or misses a known place of the wall. A radius of the ray nearest to a place misses
-# it if they differ by more than a sample plus this many times the distance of the place from the ray.
+# it if they differ by more than a sample plus this many times the distance of the place from the ray, which is computed
+# as if the organ were a ball.
 _EXCLUDED_COST, _WALL_SLOPE = 50.0, 1.0
 # The last two searches measure slopes from a smooth shape: spherical harmonics up to this degree, fitted to the
 # logarithm of the radii that were found. The smoothness weight is then the larger one here. In 8 hard bladders the mean

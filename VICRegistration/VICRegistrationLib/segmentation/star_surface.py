@@ -93,8 +93,8 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
        2006.
     """
     seeds = np.atleast_2d(seeds)
-    # The mean of the seeds may be outside of a bent organ.
-    seed = seeds[np.linalg.norm(seeds - seeds.mean(axis=0), axis=1).argmin()]
+    # The mean of the seeds may be outside of a bent organ. Both of two seeds are equally near to it, but for rounding.
+    seed = seeds[np.linalg.norm(seeds - seeds.mean(axis=0), axis=1).round(3).argmin()]
     search = _Search(image, seeds, seed, wall)
     return search.along.refined(min(search.candidates(seed), key=lambda star: star.cost))
 
