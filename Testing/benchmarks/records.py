@@ -36,7 +36,7 @@ SETTINGS = {
     "docs/tutorial.md": "95 %",
     "docs/validation.md": "bell 50 mm in 100 mm, smoothing 0.5 mm and factor 0.5; 10,000 points; pixels 0.59, 0.5 mm, "
     "slices 4 and 1 mm, noise 5 %, coil 20 %, blur 2 mm; seeds 1 to 3, levels 15 %; no edge 3 mm; normally 95.4 %; "
-    "level of a layer 0.2 mm from a plane",
+    "level of a layer 0.2 mm from a plane; gap 16 mm, signal 35, 50 %",
     "docs/examples/README.md": "foundation 1e-6",
 }
 
