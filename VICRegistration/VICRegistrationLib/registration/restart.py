@@ -20,6 +20,7 @@ from ..imaging.image import Image
 from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..segmentation.axis_surface import find_along_axis
+from ..segmentation.ray_surface import RaySurface
 from ..segmentation.shaped_region import shaped_region
 from ..segmentation.star_surface import find_star
 
@@ -63,16 +64,16 @@ def region_through(image: Image, surface: BSplineSurface, points: np.ndarray, aw
     Region or None
         None if no such surface is found.
     """
-    center = surface.control_net.mean(axis=(0, 1))
-    inside = image.to_ras(np.clip(image.to_ijk(center[None]), 0.0, image.size - 1.0))[0]
+    inside = _in_volume(image, surface.control_net.mean(axis=(0, 1)))
     star = find_star(image, inside, points)
     region = shaped_region(image, star, inside)
-    if contradicted(np.abs(star.inward(points))):
+    if _misses(star, points):
         # The organ may be long or bent, and both surfaces a part of it. The mean of the control points may be outside.
-        middle = surface.points(*surface.midpoints(_SAMPLES[0], 1)).mean(axis=0)
+        middle = _in_volume(image, surface.points(*surface.midpoints(_SAMPLES[0], 1)).mean(axis=0))
         along = find_along_axis(image, find_star(image, middle), points)
-        whole = None if along is None else shaped_region(image, along, middle)
-        region = region if whole is None else whole
+        if along is not None and not _misses(along, points) and along.cost < star.cost:
+            whole = shaped_region(image, along, middle)
+            region = region if whole is None else whole
     if region is None:
         return None
     contradiction = Diagnostic("start_contradicted", {"away_mm": float(away.max())})
@@ -106,6 +107,16 @@ def replaces(found: BSplineSurface, before: BSplineSurface, points: np.ndarray, 
     beyond = (cdist(places, points) > _DISTANCES * away).all(axis=1)
     moved = np.abs(closest_points(before, places[beyond]).distances) if beyond.any() else np.zeros(1)
     return bool(np.percentile(moved, 95) < _ELSEWHERE * away.max())
+
+
+def _misses(surface: RaySurface, points: np.ndarray) -> bool:
+    """Whether a surface through boundary points (n, 3), RAS mm, still lies as far from one as a failed separation."""
+    return contradicted(np.abs(surface.inward(points)))
+
+
+def _in_volume(image: Image, point: np.ndarray) -> np.ndarray:
+    """Move a point (3,), RAS mm, to the nearest place of the volume along the axes of its grid."""
+    return image.to_ras(np.clip(image.to_ijk(point[None]), 0.0, image.size - 1.0))[0]
 
 
 def _held(surface: BSplineSurface, other: BSplineSurface) -> float:
