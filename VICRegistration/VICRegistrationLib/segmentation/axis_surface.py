@@ -27,10 +27,12 @@ _FROM_END = 0.5
 # tubes that are bent by 60 or 180 degrees, with gaps in the wall and shading, find all of the tube with 0.15 to 0.5
 # and 0.1 to 0.4 between rays, 0.25 to 1 at the ends, 0.1 and 0.2 for the lattice, and 0.05 to 0.2 for the points. With
 # 0.6 between rays or 1.5 at the ends some axes stop growing.
-LATTICE, _STEP = 0.15, 0.1
+LATTICE, _STEP = 0.2, 0.1
 # The search is repeated until the axis has not grown by more than a step, so many times in a row; or so many times. If
 # it ends at the first time, one of 30 such clicks finds half of the tube. The 10 clicks need 9 to 13 searches.
 _MOST_WITHOUT_GROWTH, _MOST_SEARCHES = 2, 30
+# While the axis grows, the surface need not be the one of least cost. More rounds take up to twice the time.
+_ROUNDS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,7 @@ def find_along_axis(image: Image, star: RaySurface, wall: np.ndarray | None = No
         without_growth = 0 if grows else without_growth + 1
         if without_growth == _MOST_WITHOUT_GROWTH:
             break
-        surface, longest = search.surface(axis, bright=star.bright), max(axis.length, longest)
+        surface, longest = search.surface(axis, bright=star.bright, rounds=_ROUNDS), max(axis.length, longest)
     return search.refined(surface)
 
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 # Most rounds of message passing, and the change of a message below which it ends, where the largest edge strength is 1.
 # 16 hard surfaces, of costs of -40 to -200, end 0.4 above the least cost in the mean after 50 rounds, 0.1 after 100.
-_ROUNDS, _CONVERGED = 100, 1e-2
+ROUNDS, _CONVERGED = 100, 1e-2
 # Share of the last message that is kept. With 0.2 to 0.5 the surfaces are the same; with 0.1 and less, messages
 # oscillate.
 _DAMPING = 0.3
@@ -121,6 +121,7 @@ def cheapest_radii(
     smoothness: float,
     most_apart: int,
     shape: np.ndarray | None = None,
+    rounds: int = ROUNDS,
 ) -> np.ndarray:
     """Choose a radius along each ray so that the sum of their costs and of those of slopes is least.
 
@@ -138,6 +139,8 @@ def cheapest_radii(
     shape : ndarray, shape (n,), optional
         Radii of a smooth surface, in samples, not rounded. Slopes are measured from those of this surface; by default
         from those of equal radii.
+    rounds : int
+        Most rounds of message passing.
 
     Returns
     -------
@@ -168,7 +171,7 @@ def cheapest_radii(
     own_rises = np.clip(shape[graph.second] - shape[graph.first], -most_apart, most_apart)
     slope_costs = (smoothness / share * ((rises - own_rises[:, None]) * slopes[:, None]) ** 2).astype(np.float32)
     messages, totals = np.zeros((count, costs.shape[1]), dtype=np.float32), costs
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         cheapest = _messages(totals[graph.first] - messages[graph.back], slope_costs)
         change = np.abs(cheapest - messages).max()
         messages = _DAMPING * messages + (1.0 - _DAMPING) * cheapest

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from ..imaging.image import Image
 from ..imaging.sampling import Sampler
 from .ray_edges import continued, contrast_of, noise_of
-from .ray_graph import RayGraph, between, cheapest_radii
+from .ray_graph import ROUNDS, RayGraph, between, cheapest_radii
 from .ray_surface import RaySource, RaySurface
 from .sphere import smoothed
 
@@ -91,7 +91,13 @@ class RaySearch:
         self._sampler = Sampler(_around(image, place))
 
     def surface(
-        self, source: RaySource, *, bright: bool, shortest: float = 0.0, like: RaySurface | None = None
+        self,
+        source: RaySource,
+        *,
+        bright: bool,
+        shortest: float = 0.0,
+        like: RaySurface | None = None,
+        rounds: int = ROUNDS,
     ) -> RaySurface:
         """Find the surface of least cost along few rays from a source.
 
@@ -104,6 +110,8 @@ class RaySearch:
             Least radius, mm.
         like : RaySurface, optional
             A surface from the same source. Slopes are measured from those of a smooth shape fitted to it.
+        rounds : int
+            Most rounds of message passing.
 
         Returns
         -------
@@ -114,7 +122,7 @@ class RaySearch:
         rays = self._rays(source, graph, np.tile(radii, (len(graph.places), 1)))
         costs, strengths = rays.costs(bright, self.wall)
         shape = None if like is None else _shape(like, graph)
-        samples = _chosen(graph, costs + _EXCLUDED_COST * (radii < shortest), radii, shape)
+        samples = _chosen(graph, costs + _EXCLUDED_COST * (radii < shortest), radii, shape, rounds)
         return rays.surface(bright, samples, costs, strengths, self.level)
 
     def refined(self, surface: RaySurface) -> RaySurface:
@@ -278,7 +286,7 @@ def _shape(surface: RaySurface, graph: RayGraph) -> np.ndarray:
     return np.exp(smoothed(surface.graph.on_sphere, np.log(surface.radii), graph.on_sphere, degree=_DEGREE))
 
 
-def _chosen(graph: RayGraph, costs: np.ndarray, radii: np.ndarray, shape: np.ndarray | None) -> np.ndarray:
+def _chosen(graph: RayGraph, costs: np.ndarray, radii: np.ndarray, shape: np.ndarray | None, rounds: int) -> np.ndarray:
     """Sample of each ray on the surface of least cost; slopes are measured from a shape's, (n,) mm, if one is given.
 
     The surface is found on coarse radii in equal ratios. Each has the cost of the cheapest sample nearest to it.
@@ -296,5 +304,7 @@ def _chosen(graph: RayGraph, costs: np.ndarray, radii: np.ndarray, shape: np.nda
     slopes = np.log(_RATIO) / graph.distances
     smoothness = _SMOOTHNESS if shape is None else _SHAPE_SMOOTHNESS
     places = None if shape is None else np.log(shape) / np.log(_RATIO)
-    best = cheapest_radii(graph, lowest, slopes, smoothness=smoothness, most_apart=_MOST_APART, shape=places)
+    best = cheapest_radii(
+        graph, lowest, slopes, smoothness=smoothness, most_apart=_MOST_APART, shape=places, rounds=rounds
+    )
     return cheapest[np.arange(len(costs)), best].astype(int)
