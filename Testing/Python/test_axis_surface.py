@@ -80,9 +80,9 @@ def test_one_click_near_an_end_finds_all_of_a_bent_tube(tube, whole):
     assert dice_coefficient(whole, truth) > 0.97
 
 
-@pytest.mark.parametrize(("gap_mm", "left", "place"), [(0.0, 1.0, LAST), (8.0, 1.0, MIDDLE), (0.0, 0.5, MIDDLE)])
+@pytest.mark.parametrize(("gap_mm", "left", "place"), [(8.0, 1.0, MIDDLE), (0.0, 0.5, MIDDLE)])
 def test_a_bent_organ_is_separated_from_one_click(gap_mm, left, place):
-    """From a click near an end, through a gap in the wall, and where the signal falls to half along the organ."""
+    """Through a gap in its wall, and where the signal falls to half along it."""
     tube = walled_tube(100.0, gap_mm=gap_mm, left=left)
     region = separate(tube.image, tube.axis[place])
     assert dice_coefficient(region, region_from_mask(tube.image, tube.mask)) > 0.95
@@ -131,11 +131,10 @@ def test_edges_are_clearer_where_the_whole_organ_is_apart_from_a_part_of_it(tube
     assert strength_apart(tube.image, part, surface, star) < 0.5
 
 
-@pytest.mark.parametrize(("factor", "offset"), [(-1.0, 4000.0), (100.0, -1000.0)])
-def test_a_region_along_an_axis_depends_on_contrast_alone(tube, whole, factor, offset):
-    image = Image(factor * tube.image.array + offset, tube.image.ijk_to_ras)
+def test_a_region_along_an_axis_depends_on_contrast_alone(tube, whole):
+    image = Image(4000.0 - 100.0 * tube.image.array, tube.image.ijk_to_ras)
     along = find_along_axis(image, find_star(image, tube.axis[LAST]))
-    assert along.bright == (factor > 0.0)
+    assert not along.bright
     again = shaped_region(image, along, tube.axis[LAST])
     assert again.offset == whole.offset
     np.testing.assert_array_equal(again.mask, whole.mask)

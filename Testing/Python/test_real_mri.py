@@ -70,12 +70,10 @@ def test_a_bladder_is_separated_from_one_seed(separated, name, least):
     assert dice_coefficient(region, bladder.lumen) > least
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("crop_IM1523", [-110.5, -139.0, -21.0]), ("full_p5", [-145.5, -106.5, -38.0])]
-)
-def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(drawn, name, seed):
-    bladder = drawn(name)
-    assert dice_coefficient(separate(bladder.image, [seed]), bladder.lumen) > 0.96
+def test_a_click_near_the_wall_is_as_good_as_one_in_the_middle(drawn):
+    bladder = drawn("crop_IM1523")
+    region = separate(bladder.image, [[-110.5, -139.0, -21.0]])
+    assert dice_coefficient(region, bladder.lumen) > 0.96
 
 
 @pytest.mark.parametrize("name", NAMES)
