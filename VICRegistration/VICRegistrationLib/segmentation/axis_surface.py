@@ -27,10 +27,13 @@ _FROM_END = 0.5
 # tubes that are bent by 60 or 180 degrees, with gaps in the wall and shading, find all of the tube with 0.15 to 0.5
 # and 0.1 to 0.4 between rays, 0.25 to 1 at the ends, 0.1 and 0.2 for the lattice, and 0.05 to 0.2 for the points. With
 # 0.6 between rays or 1.5 at the ends some axes stop growing.
-LATTICE, _STEP = 0.2, 0.1
+_LATTICE, _STEP = 0.2, 0.1
+# The lattice has at most so many steps along each of its axes: an organ that is longer than about 50 half widths has no
+# axis here. Rays along it would take a minute.
+_MOST_STEPS = 50
 # The search is repeated until the axis has not grown by more than a step, so many times in a row; or so many times. If
 # it ends at the first time, one of 30 such clicks finds half of the tube. The 10 clicks need 9 to 13 searches.
-_MOST_WITHOUT_GROWTH, _MOST_SEARCHES = 2, 30
+_MOST_WITHOUT_GROWTH, _MOST_SEARCHES = 2, 20
 # While the axis grows, the surface need not be the one of least cost. More rounds take up to twice the time.
 _ROUNDS = 20
 
@@ -57,11 +60,10 @@ class Axis:
     half_width: float
 
     @classmethod
-    def within(cls, line: Centreline) -> Axis:
-        """Axis of an organ along its centreline, without the ends of this."""
+    def within(cls, line: Centreline, half_width: float) -> Axis:
+        """Axis of an organ with a half width, mm, along its centreline, without the ends of this."""
         steps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(steps)])
-        half_width = float(np.sqrt(np.median(np.abs(np.linalg.det(line.sections)))))
         step = _STEP * half_width
         # Of a ball, hardly any axis is left; it may grow.
         cut = min(_FROM_END * half_width, along[-1] / 2.0 - step)
@@ -135,7 +137,7 @@ def find_along_axis(image: Image, star: RaySurface, wall: np.ndarray | None = No
     Returns
     -------
     RaySurface or None
-        Its source is an :class:`Axis`. None if the organ is too flat for an axis.
+        Its source is an :class:`Axis`. None if the organ is too flat or too thin for its length to have an axis.
 
     Notes
     -----
@@ -190,7 +192,7 @@ def _axis_of(surface: RaySurface, axes: np.ndarray) -> Axis | None:
     surface = replace(surface, radii=np.minimum(surface.radii, surface.border))
     along = surface.points @ axes
     low, high = along.min(axis=0), along.max(axis=0)
-    spacing = LATTICE * float(np.median(surface.radii))
+    spacing = max(_LATTICE * float(np.median(surface.radii)), float((high - low).max()) / _MOST_STEPS)
     counts = np.ceil((high - low) / spacing).astype(int) + 3
     lattice = np.eye(4)
     lattice[:3, :3] = spacing * axes
@@ -199,6 +201,8 @@ def _axis_of(surface: RaySurface, axes: np.ndarray) -> Axis | None:
     nodes = np.stack([i, j, k], axis=-1).reshape(-1, 3) @ lattice[:3, :3].T + lattice[:3, 3]
     inside = (surface.inward(nodes) > 0.0).reshape(counts[::-1])
     line = centreline(inside, lattice)
-    axis = None if line is None else Axis.within(line)
-    # The lattice does not show the sections of an organ that is thinner.
-    return None if axis is None or axis.half_width < spacing else axis
+    if line is None:
+        return None
+    half_width = float(np.sqrt(np.median(np.abs(np.linalg.det(line.sections)))))
+    # The lattice does not show the sections of a thinner organ.
+    return None if half_width < spacing else Axis.within(line, half_width)
