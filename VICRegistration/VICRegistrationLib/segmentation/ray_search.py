@@ -50,7 +50,7 @@ _CHANGE_MM, _SHADING_CHANGE, _NOISE_CHANGE = 0.75, 0.08, 1.0
 # Sharp changes may weigh 0.1 to 0.6: with 0 the surface leaks, and with 0.7 it leaves dark urine out (IM0228, IM0952).
 # With 0.1, 0.2 and 0.4 for the border, 18 clicks in two bladders that the volume cuts (IM0228, IM1523) find these, and
 # from the deepest places the Dice coefficient of the region varies by 0.002; with 0.46, IM0228 is 1.8 mm off. In seven
-# bladders slopes may weigh 0.055 to 0.22; with less than 0.12 a rectum in thick slices goes on through the anal canal.
+# bladders slopes may weigh 0.055 to 0.22; with less than 0.12 a star-shaped rectum goes on through the anal canal.
 _CROSSED_WEIGHT, _RISE_WEIGHT, _SMOOTHNESS, _BORDER_WEIGHT = 0.3, 0.35, 0.13, 0.2
 # Cost of a radius that is excluded or misses a known place of the wall. A radius of the ray nearest to a place misses
 # it if they differ by more than a sample plus this many times the distance of the place from the ray, which is computed

@@ -88,7 +88,7 @@ def region_within(image: Image, surface: RaySurface, *, fill: bool = True) -> Re
 
 
 def edges_of(image: Image, surface: RaySurface) -> Edges:
-    """Convert a surface to edges along its rays."""
+    """Convert a surface to edges along its rays. Rays from an axis count as those of one seed, as wide as the organ."""
     inner = surface.inner[~surface.cut] if not surface.cut.all() else surface.inner
     median_level = float(np.median(inner))
     return Edges(

@@ -96,7 +96,7 @@ def find_star(image: Image, seeds: np.ndarray, wall: np.ndarray | None = None) -
     # The mean of the seeds may be outside of a bent organ. Both of two seeds are equally near to it, but for rounding.
     seed = seeds[np.linalg.norm(seeds - seeds.mean(axis=0), axis=1).round(3).argmin()]
     search = _Search(image, seeds, seed, wall)
-    return search.along.refined(min(search.candidates(seed), key=lambda star: star.cost))
+    return search.rays.refined(min(search.candidates(seed), key=lambda star: star.cost))
 
 
 def centroid(star: RaySurface) -> np.ndarray:
@@ -110,11 +110,11 @@ class _Search:
     """Search for a star-shaped surface around seeds (m, 3) in an image, through known places (n, 3) of the wall."""
 
     def __init__(self, image: Image, seeds: np.ndarray, seed: np.ndarray, wall: np.ndarray | None):
-        self.image, self.seeds, self.along = image, seeds, RaySearch(image, seed, wall)
+        self.image, self.seeds, self.rays = image, seeds, RaySearch(image, seed, wall)
 
     def once(self, center: np.ndarray, *, bright: bool, shortest: float) -> RaySurface:
         """Find the surface around a centre with radii from the shortest on, mm."""
-        return self.along.surface(Center(center, self.along.axes), bright=bright, shortest=shortest)
+        return self.rays.surface(Center(center, self.rays.axes), bright=bright, shortest=shortest)
 
     def candidates(self, seed: np.ndarray) -> list[RaySurface]:
         """Find surfaces of a bright and of a dark organ around a seed, and larger ones around these."""
