@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -57,12 +58,12 @@ def report(*, quick: bool) -> str:
     real = bladders(names=NAMES + HARD)
     others = [pelvis_phantom().image, *map(read_image, sorted(PROSTATEX.glob("*.nii.gz")))]
     total = 24 if quick else N_CLICKS
-    each = total // 2 // max(len(real), 1)
+    each = math.ceil(total / 2 / max(len(real), 1))
     for bladder in real:
         truth = points_on(drawn_surface(bladder), N_POINTS)
         found += [("in the lumen", *clicked(bladder.image, s, truth)) for s in inside_clicks(bladder, each, random)]
     images = [*(bladder.image for bladder in real), *others]
-    each = (total - len(found)) // len(images)
+    each = math.ceil((total - len(found)) / len(images))
     for image in images:
         found += [("anywhere", *clicked(image, seed, None)) for seed in clicks_anywhere(image, each, random)]
     rows = [["clicks", "number", *VERDICTS, "refused", "invalid"]]
