@@ -10,12 +10,15 @@ from tubes import RADIUS_MM, bent_tube
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
 from VICRegistrationLib.geometry.projection import closest_points
-from VICRegistrationLib.imaging.region import region_from_mask
+from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
 from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
 from VICRegistrationLib.registration.organ import fit_region
 from VICRegistrationLib.registration.refit import refit
+from VICRegistrationLib.registration.restart import separated_through
 from VICRegistrationLib.registration.steps import finish
+from VICRegistrationLib.segmentation.separation import separate
+from VICRegistrationLib.segmentation.shaped_region import shaped_region
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +38,15 @@ def through(image, surface, points, **options):
     return found, "start_contradicted" in codes
 
 
+def moved(surface, scale, offset):
+    """Scale a surface about the phantom's centre, and move it, mm."""
+    matrix = np.diag([scale, scale, scale, 1.0])
+    matrix[:3, 3] = CENTER + offset - scale * CENTER
+    return surface.transformed(matrix)
+
+
 def test_one_point_is_enough_where_a_fragment_was_fitted(image, fit):
-    matrix = np.diag([0.15, 0.15, 0.15, 1.0])
-    matrix[:3, 3] = CENTER + [0.0, 0.0, -16.0] - matrix[:3, :3] @ CENTER
-    fragment = fit.surface.transformed(matrix)
+    fragment = moved(fit.surface, 0.15, [0.0, 0.0, -16.0])
     wall = points_on(ellipsoid(), 400)
     away = np.abs(closest_points(fragment, wall).distances)
     # Farther than any point by which a surface alone is corrected.
@@ -54,6 +62,32 @@ def test_one_point_is_enough_where_a_fragment_was_fitted(image, fit):
     stages = [step.stage for step in found.history]
     assert stages[0] == "through the points, global scaling"
     assert stages[-1] == "boundary points"
+
+
+def test_one_point_is_enough_where_most_of_the_surface_is_outside_of_the_organ(image, fit):
+    beside = moved(fit.surface, 1.0, [0.0, 16.0, 0.0])
+    wall = points_on(ellipsoid(), 400)
+    assert (closest_points(fit.surface, beside.points(*beside.midpoints(16, 16))).distances > 2.0).mean() > 0.5
+    found, again = through(image, beside, wall[np.abs(closest_points(beside, wall).distances).argmax()][None])
+    assert again
+    assert deviation(found.surface, ellipsoid(), n_points=500).mean < 0.3
+
+
+def test_points_that_are_a_little_off_do_not_change_the_region(image, fit):
+    """The region of the surface through them has a lobe or a dent at each."""
+    fragment = moved(fit.surface, 0.15, [0.0, 0.0, -16.0])
+    points = off(fit.surface, [(0.0, 0.3), (0.5, 0.5), (0.2, 0.8)], [6.0, -6.0, 6.0])
+    restart = separated_through(image, fragment, points, np.abs(closest_points(fragment, points).distances))
+    automatic = separate(image, CENTER)
+    assert dice_coefficient(restart.region, automatic) > 0.999
+    assert dice_coefficient(shaped_region(image, restart.through, CENTER), automatic) < 0.99
+
+
+def test_the_region_is_that_of_a_surface_through_the_points_if_they_contradict_the_automatic_one(image, fit):
+    fragment = moved(fit.surface, 0.15, [0.0, 0.0, -16.0])
+    point = off(fit.surface, [(0.0, 0.3)], [15.0])
+    restart = separated_through(image, fragment, point, np.abs(closest_points(fragment, point).distances))
+    assert dice_coefficient(restart.region, separate(image, CENTER)) < 0.99
 
 
 def test_one_point_is_enough_where_half_of_a_bent_organ_was_fitted():
@@ -88,8 +122,7 @@ def test_another_organ_is_not_meant(pelvis, pelvis_fit):
         through(pelvis.image, vagina.surface, point)
 
 
-def test_a_surface_that_is_like_the_one_before_away_from_the_points_is_needed(pelvis, pelvis_fit):
-    # Nearer to the point because both ends of the bent organ are cut.
+def test_a_surface_as_far_from_the_points_is_not_taken(pelvis, pelvis_fit):
     rectum = pelvis_fit("rectum")
     _, again = through(pelvis.image, rectum.surface, off(rectum.surface, [(0.61, 0.2)], [-12.0]))
     assert not again

@@ -37,14 +37,19 @@ def load_bladder(name: str, folder: Path = DATA) -> Bladder:
     label = read_image(folder / f"{name}_label.nii.gz").array == LUMEN
     region = region_from_mask(image, _without_gaps(label), largest_component=True)
     lumen = replace(region, mask=fill_holes(region.mask))
-    deep = _depth(lumen)
-    deepest = np.unravel_index(deep.argmax(), deep.shape)
-    return Bladder(name, image, lumen, lumen.image.to_ras(np.array([deepest[::-1]], dtype=float)))
+    return Bladder(name, image, lumen, _deepest(lumen, lumen.mask))
 
 
 def drawn_surface(bladder: Bladder) -> ReferenceMesh:
     """Surface of the lumen that the experts drew, RAS mm."""
     return closed_mesh(mesh_of_mask(bladder.lumen.image))
+
+
+def seed_above(bladder: Bladder, level: float) -> np.ndarray:
+    """Deepest place in the lumen with at least a grey level, (1, 3) RAS mm."""
+    start, size = bladder.lumen.offset, bladder.lumen.mask.shape
+    box = tuple(slice(first, first + count) for first, count in zip(start, size))
+    return _deepest(bladder.lumen, bladder.image.array[box] >= level)
 
 
 def other_seeds(bladder: Bladder, count: int) -> np.ndarray:
@@ -85,6 +90,12 @@ def _depth(region: Region) -> np.ndarray:
     """Distance of each voxel of a region from its boundary, mm."""
     padded = np.pad(region.mask, 1)
     return ndimage.distance_transform_edt(padded, sampling=region.image.spacing[::-1])[1:-1, 1:-1, 1:-1]
+
+
+def _deepest(region: Region, among: np.ndarray) -> np.ndarray:
+    """Deepest of some voxels of a region, (1, 3) RAS mm."""
+    depth = np.where(among, _depth(region), 0.0)
+    return region.image.to_ras(np.array([np.unravel_index(depth.argmax(), depth.shape)[::-1]], dtype=float))
 
 
 def bladders(folder: Path = DATA, names: tuple[str, ...] = NAMES) -> list[Bladder]:

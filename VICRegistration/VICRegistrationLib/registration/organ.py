@@ -42,7 +42,7 @@ from .joint_stacks import JointStacks
 from .nets import halvings_to, net_of, net_text, sampled_net
 from .options import FitOptions
 from .organ_fit import OrganFit
-from .restart import contradicted, region_through, replaces
+from .restart import contradicted, separated_through
 from .sample_grid import SampledSurface
 from .schedule import Schedule, frame_of
 from .stacks import Stack, StackUse, stacks_beside
@@ -372,16 +372,16 @@ def _restarted(
     if not len(points):
         return None
     away = np.abs(closest_points(surface, points).distances)
-    region = region_through(image, surface, points, away) if contradicted(away) else None
-    if region is None:
+    restart = separated_through(image, surface, points, away) if contradicted(away) else None
+    if restart is None:
         return None
     further = [Stack(use.image, use.name, use.motion) for use in stacks]
     try:
-        steps = fit_region(image, region, asked.filled_in(threshold=None), further=further)
+        steps = fit_region(image, restart.region, asked.filled_in(threshold=None), further=further)
         fit = yield from recorded(steps, history, prefix="through the points, ")
     except ValueError:
         return None
-    return fit if replaces(fit.surface, surface, points, away) else None
+    return fit if restart.replaces(image, fit.surface, surface, points, away) else None
 
 
 def _made_finer(choice: Choice, net: tuple[int, int]) -> Choice:

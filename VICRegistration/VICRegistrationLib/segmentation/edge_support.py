@@ -63,13 +63,19 @@ class EdgeStrengths:
         strengths : ndarray, shape (n,)
             From 0 to 1; NaN where the normal leaves the volume.
         """
-        normals = _normals(mask, voxels, self._image)
         places = self._image.to_ras((voxels + start)[:, ::-1].astype(float))
+        return places, self.across(places, _normals(mask, voxels, self._image))
+
+    def across(self, places: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Edge strength along outward unit normals at places, each (n, 3) RAS mm.
+
+        Returns (n,) from 0 to 1; NaN where the normal leaves the volume.
+        """
         levels, valid = self._sampler.values(places[:, None] + _DEPTHS_MM[:, None] * normals[:, None])
         sides = sliding_window_view(levels if self._surface.bright else -levels, _SIDE, axis=1)
         steps = (sides[:, : -_SIDE - 1].mean(axis=2) - sides[:, _SIDE + 1 :].min(axis=2)).max(axis=1)
         strengths = np.maximum(np.tanh(steps / (STEP_SHARE * self._surface.contrast)), 0.0)
-        return places, np.where(valid.all(axis=1), strengths, np.nan)
+        return np.where(valid.all(axis=1), strengths, np.nan)
 
 
 def margin_of(image: Image) -> np.ndarray:
@@ -118,6 +124,28 @@ def strength_apart(image: Image, region: Region, other: RaySurface, unit: RaySur
     places, strengths = edge_strengths(image, region, unit)
     apart = np.abs(other.inward(places)) > _APART_MM
     return float(strengths[apart].mean()) if apart.any() else 1.0
+
+
+def strengths_across(image: Image, places: np.ndarray, normals: np.ndarray, unit: RaySurface) -> np.ndarray:
+    """Edge strength along the normals of a surface.
+
+    Parameters
+    ----------
+    image : Image
+    places, normals : ndarray, shape (n, 3)
+        Points of the surface, RAS mm, and outward unit normals.
+    unit : RaySurface
+        Its contrast is the unit of steps, and its ``bright`` the sign of the edge.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        From 0 to 1; NaN where the normal leaves the volume.
+    """
+    voxels = image.to_ijk(places)[:, ::-1]
+    last = np.array(image.array.shape) - 1
+    low, high = (np.clip(limit, 0, last).astype(int) for limit in (voxels.min(axis=0), voxels.max(axis=0) + 1.0))
+    return EdgeStrengths(image, unit, low, high + 1).across(places, normals)
 
 
 def edge_strengths(image: Image, region: Region, surface: RaySurface) -> tuple[np.ndarray, np.ndarray]:
