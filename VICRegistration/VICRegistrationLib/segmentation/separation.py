@@ -147,7 +147,7 @@ def _by_both_ways(image: Image, seeds: np.ndarray, fill: bool) -> Region:
             raise refused
         return grown
     if grown is None:
-        if edge_support(image, shaped, surface) < _LEAST_SUPPORT or _is_noise(image, seeds, surface.contrast):
+        if edge_support(image, shaped, surface) < _LEAST_SUPPORT:
             raise refused
         return shaped
     # Either the grown region agrees with this one, or `starts_differ` says that it does not.
@@ -157,9 +157,12 @@ def _by_both_ways(image: Image, seeds: np.ndarray, fill: bool) -> Region:
 def _by_shape(image: Image, seeds: np.ndarray, grown: Region | None, fill: bool) -> tuple[Region | None, RaySurface]:
     """Separate an organ by its shape: with a star-shaped surface, or with one along the axis.
 
-    A star-shaped surface that agrees with the grown region is enough.
+    A star-shaped surface that agrees with the grown region is enough. If there is no grown region, and the contrast is
+    that of noise, there is no organ.
     """
     star = find_star(image, seeds)
+    if grown is None and _is_noise(image, seeds, star.contrast):
+        return None, star
     shaped = shaped_region(image, star, seeds, fill=fill)
     if None not in (grown, shaped) and dice_coefficient(grown, shaped) >= _SAME_ORGAN:
         return shaped, star
