@@ -9,16 +9,19 @@ from small_phantom import CENTER, ellipsoid
 from tubes import RADIUS_MM, bent_tube
 
 from VICRegistrationLib.analysis.distances import deviation, points_on
+from VICRegistrationLib.geometry.models import closed_organ
 from VICRegistrationLib.geometry.projection import closest_points
+from VICRegistrationLib.imaging.image import Image
 from VICRegistrationLib.imaging.region import dice_coefficient, region_from_mask
 from VICRegistrationLib.registration.boundary_points import boundary_deviations
 from VICRegistrationLib.registration.options import FitOptions
-from VICRegistrationLib.registration.organ import fit_region
+from VICRegistrationLib.registration.organ import fit_organ, fit_region
 from VICRegistrationLib.registration.refit import refit
-from VICRegistrationLib.registration.restart import separated_through
+from VICRegistrationLib.registration.restart import Restart, separated_through
 from VICRegistrationLib.registration.steps import finish
 from VICRegistrationLib.segmentation.separation import separate
 from VICRegistrationLib.segmentation.shaped_region import shaped_region
+from VICRegistrationLib.segmentation.star_surface import find_star
 
 
 @pytest.fixture(scope="module")
@@ -114,15 +117,33 @@ def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):
     assert abs(boundary_deviations(found.surface, point)[0]) < 0.3
 
 
-def test_another_organ_is_not_meant(pelvis, pelvis_fit):
-    # The star-shaped surface through a point of the bladder's wall is the bladder, which holds nothing of the vagina.
-    vagina = pelvis_fit("vagina")
-    point = off(vagina.surface, [(0.0, 0.5)], [35.0])
-    with pytest.raises(ValueError, match="Boundary point 1 .* is 35 mm from the surface"):
-        through(pelvis.image, vagina.surface, point)
+def spheres(*spheres):
+    """Image of bright balls, each with its centre and radius, mm, and its level, in tissue of a level of 50."""
+    places = 2.0 * np.stack(np.meshgrid(*map(np.arange, (30, 30, 50)), indexing="ij"), axis=-1)[..., ::-1]
+    levels = np.full(places.shape[:3], 50.0)
+    for center, radius, level in spheres:
+        levels[np.linalg.norm(places - center, axis=-1) < radius] = level
+    noise = np.random.default_rng(0).normal(0.0, 3.0, levels.shape)
+    return Image(levels + noise, np.diag([2.0, 2.0, 2.0, 1.0]))
 
 
-def test_a_surface_as_far_from_the_points_is_not_taken(pelvis, pelvis_fit):
-    rectum = pelvis_fit("rectum")
-    _, again = through(pelvis.image, rectum.surface, off(rectum.surface, [(0.61, 0.2)], [-12.0]))
-    assert not again
+def test_another_organ_is_not_meant():
+    # No surface around the first ball passes the far wall of the second one.
+    first, second = np.array([25.0, 29.0, 29.0]), np.array([65.0, 29.0, 29.0])
+    balls = spheres((first, 12.0, 200.0), (second, 12.0, 200.0))
+    surface = finish(fit_organ(balls, first, FitOptions(net=(9, 7)))).surface
+    with pytest.raises(ValueError, match="Boundary point 1 .* is 40 mm from the surface"):
+        through(balls, surface, second[None] + [12.0, 0.0, 0.0])
+
+
+def test_a_surface_with_faint_edges_does_not_replace_one_with_clear_edges():
+    # A bright clot in the urine: a point on its boundary is far from the organ's wall.
+    center = np.array([49.0, 29.0, 29.0])
+    image = spheres((center, 24.0, 200.0), (center, 12.0, 230.0))
+    wall, clot = (closed_organ(axes=radius * np.eye(3), center=center) for radius in (24.0, 12.0))
+    star = find_star(image, center)
+    restart = Restart(shaped_region(image, star, center), star)
+    on_wall, on_clot = (center[None] + [radius, 0.0, 0.0] for radius in (24.0, 12.0))
+    assert restart.replaces(image, wall, clot, on_wall, np.array([12.0]))
+    assert not restart.replaces(image, clot, wall, on_clot, np.array([12.0]))
+    assert not restart.replaces(image, wall, clot, on_clot, np.array([12.0]))

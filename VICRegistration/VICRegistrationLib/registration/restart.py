@@ -22,7 +22,7 @@ from ..imaging.morphology import boundary_voxels
 from ..imaging.region import Region
 from ..messages import Diagnostic
 from ..segmentation.axis_surface import find_along_axis
-from ..segmentation.edge_support import strengths_across
+from ..segmentation.edge_support import APART_MM, strengths_across
 from ..segmentation.ray_surface import RaySurface
 from ..segmentation.separation import separate
 from ..segmentation.shaped_region import shaped_region
@@ -35,10 +35,11 @@ _FAR_MM = 10.0
 # nearly the same surface, it was 0.5 to 1; with 0.5 and 1 in place of 0.75, two and three of 20 such points more give
 # another surface, which is better or worse by up to 0.4 mm.
 _LEFT = 0.75
-# Where the two surfaces are farther apart than this, mm, the mean edge strength along the second one may be less than
-# along the first one by at most this. After a failed separation it was larger by 0.1 to 0.75, and once the same; where
-# a point beside a correct surface led to another one, smaller by 0.11 to 0.91.
-_APART_MM, _LESS = 3.0, 0.05
+# Where the two surfaces are apart, the mean edge strength along the second one may be less than along the first one by
+# at most this. After a failed separation it was larger by 0.1 to 0.75, and once the same, also with half and twice of
+# `APART_MM`. Where a point beside a correct surface led to another one, it was smaller by 0.11 to 0.91, and once the
+# same, because the point lay at another clear edge.
+_LESS = 0.05
 # Number of samples of a surface in u and v for this comparison.
 _SAMPLES = (64, 48)
 
@@ -93,7 +94,7 @@ class Restart:
         """Mean edge strength along the part of a surface that is apart from another one; 1 if no part is."""
         u, v = surface.midpoints(*_SAMPLES)
         places = surface.points(u, v)
-        apart = np.abs(closest_points(other, places).distances) > _APART_MM
+        apart = np.abs(closest_points(other, places).distances) > APART_MM
         strengths = strengths_across(image, places, surface.normals(u, v), self.through)[apart]
         inside = np.isfinite(strengths)
         return float(strengths[inside].mean()) if inside.any() else 1.0

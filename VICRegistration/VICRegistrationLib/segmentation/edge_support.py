@@ -20,8 +20,8 @@ _SIDE, _STEP_MM = 3, 0.75
 # edge has the same support.
 _BESIDE = 2
 _DEPTHS_MM = _STEP_MM * np.arange(-_SIDE - _BESIDE, _SIDE + _BESIDE + 1)
-# A boundary is apart from a surface where it is farther than this from it, measured along the surface's rays.
-_APART_MM = 3.0
+# A boundary is apart from a surface where it is farther than this from it.
+APART_MM = 3.0
 # Normals are computed from the voxels within this distance.
 _AROUND_MM = 3.0
 
@@ -122,7 +122,7 @@ def strength_apart(image: Image, region: Region, other: RaySurface, unit: RaySur
         From 0 to 1; 1 if no part is apart.
     """
     places, strengths = edge_strengths(image, region, unit)
-    apart = np.abs(other.inward(places)) > _APART_MM
+    apart = np.abs(other.inward(places)) > APART_MM
     return float(strengths[apart].mean()) if apart.any() else 1.0
 
 
