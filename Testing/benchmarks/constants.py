@@ -33,7 +33,7 @@ CONSTANTS: tuple[tuple[ModuleType, str], ...] = (
     (ray_surface, "EDGE_STRENGTH"),
     (star_surface, "LEAST_MM"),
     *((shaped_region, name) for name in ("_SHELL_MM", "OPENING_MM")),
-    *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_LEAST_SUPPORT", "_LEAST_CONTRAST")),
+    *((separation, name) for name in ("_LESS_WITHOUT_EDGE", "_MORE_WITHOUT_EDGE", "_LEAST_SUPPORT", "_LEAST_CONTRAST")),
     *((growing, name) for name in ("_MOST_TIMES_SPANNED", "FRAGMENT")),
 )
 LIMIT_MM = 1.5
