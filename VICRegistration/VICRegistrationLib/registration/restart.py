@@ -31,9 +31,8 @@ from ..segmentation.star_surface import find_star
 # The organ is separated again if a point lies farther from the surface than this, mm.
 _FAR_MM = 10.0
 # The second fit must reduce the largest distance to at most this share. After a failed separation it was 0.46 at most,
-# with points where an expert's contour differs from the grey levels. Where a point beside a correct surface led to
-# nearly the same surface, it was 0.5 to 1; with 0.5 and 1 in place of 0.75, two and three of 20 such points more give
-# another surface, which is better or worse by up to 0.4 mm.
+# though an expert's contour differs from the grey levels at some points. Where a point beside a correct surface led to
+# nearly the same surface, it was 0.5 to 1, and the second surface was better or worse by 0.4 mm at most.
 _LEFT = 0.75
 # Where the two surfaces are apart, the mean edge strength along the second one may be less than along the first one by
 # at most this. After a failed separation it was larger by 0.1 to 0.75, and once the same, also with half and twice of
@@ -82,8 +81,8 @@ class Restart:
         Returns
         -------
         bool
-            True if the second surface is much nearer to the points, and its edges are as clear as those of the first
-            one where the two are apart.
+            True if the second surface is nearer to the points by a quarter of the distance at least, and its edges are
+            as clear as those of the first one where the two are apart.
         """
         left = np.abs(closest_points(found, points).distances)
         if left.max() > _LEFT * away.max():
