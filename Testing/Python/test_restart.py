@@ -117,11 +117,11 @@ def test_a_point_off_a_right_surface_corrects_that_alone(image, fit):
     assert abs(boundary_deviations(found.surface, point)[0]) < 0.3
 
 
-def spheres(*spheres):
+def image_of_balls(*balls):
     """Image of bright balls, each with its centre and radius, mm, and its level, in tissue of a level of 50."""
     places = 2.0 * np.stack(np.meshgrid(*map(np.arange, (30, 30, 50)), indexing="ij"), axis=-1)[..., ::-1]
     levels = np.full(places.shape[:3], 50.0)
-    for center, radius, level in spheres:
+    for center, radius, level in balls:
         levels[np.linalg.norm(places - center, axis=-1) < radius] = level
     noise = np.random.default_rng(0).normal(0.0, 3.0, levels.shape)
     return Image(levels + noise, np.diag([2.0, 2.0, 2.0, 1.0]))
@@ -130,16 +130,16 @@ def spheres(*spheres):
 def test_another_organ_is_not_meant():
     # No surface around the first ball passes the far wall of the second one.
     first, second = np.array([25.0, 29.0, 29.0]), np.array([65.0, 29.0, 29.0])
-    balls = spheres((first, 12.0, 200.0), (second, 12.0, 200.0))
-    surface = finish(fit_organ(balls, first, FitOptions(net=(9, 7)))).surface
+    image = image_of_balls((first, 12.0, 200.0), (second, 12.0, 200.0))
+    surface = finish(fit_organ(image, first, FitOptions(net=(9, 7)))).surface
     with pytest.raises(ValueError, match="Boundary point 1 .* is 40 mm from the surface"):
-        through(balls, surface, second[None] + [12.0, 0.0, 0.0])
+        through(image, surface, second[None] + [12.0, 0.0, 0.0])
 
 
 def test_a_surface_with_faint_edges_does_not_replace_one_with_clear_edges():
     # A bright clot in the urine: a point on its boundary is far from the organ's wall.
     center = np.array([49.0, 29.0, 29.0])
-    image = spheres((center, 24.0, 200.0), (center, 12.0, 230.0))
+    image = image_of_balls((center, 24.0, 200.0), (center, 12.0, 230.0))
     wall, clot = (closed_organ(axes=radius * np.eye(3), center=center) for radius in (24.0, 12.0))
     star = find_star(image, center)
     restart = Restart(shaped_region(image, star, center), star)

@@ -47,9 +47,8 @@ def drawn_surface(bladder: Bladder) -> ReferenceMesh:
 
 def seed_above(bladder: Bladder, level: float) -> np.ndarray:
     """Deepest place in the lumen with at least a grey level, (1, 3) RAS mm."""
-    start, size = bladder.lumen.offset, bladder.lumen.mask.shape
-    box = tuple(slice(first, first + count) for first, count in zip(start, size))
-    return _deepest(bladder.lumen, bladder.image.array[box] >= level)
+    start = np.asarray(bladder.lumen.offset)
+    return _deepest(bladder.lumen, bladder.image.crop(start, start + bladder.lumen.mask.shape).array >= level)
 
 
 def other_seeds(bladder: Bladder, count: int) -> np.ndarray:

@@ -35,7 +35,7 @@ SENTENCES = {
     ),
     "start_contradicted": _(
         "Boundary points were up to {away_mm:.0f} mm from the surface that was fitted first, so the organ was "
-        "separated again, without a threshold: from the middle of a surface through the points."
+        "separated again, without a threshold, with the help of a surface through the points."
     ),
     "starts_differ": _(
         "Growing by grey levels finds {grown_ml:.1f} ml, the search for a closed surface {shaped_ml:.1f} ml. "

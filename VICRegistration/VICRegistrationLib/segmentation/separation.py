@@ -55,11 +55,12 @@ def separate(image: Image, seeds, *, threshold=None, erosion=None, dilation=None
       the first region, a surface along the organ's axis (`find_along_axis`) is found too, and the one of both with
       clearer edges where they differ is used.
 
-    If the two regions are alike, the second one is chosen if a smaller area of its boundary has no edge. If they differ
-    by more, as when the first has lobes or lacks a part, it is chosen unless a larger area of its boundary has no edge;
-    it is also chosen if the first has leaked. Small pieces by which the first one differs are then added or removed if
-    the edges around them support it (`with_pieces`). If the chosen region ends at the level between two fluids
-    (`find_fluid_level`), the layer behind the level is added.
+    If the two regions are alike, the second one is chosen if a clearly smaller area of its boundary has no edge. If
+    they differ by more, as when the first has lobes or lacks a part, it is chosen unless a clearly larger area of its
+    boundary has no edge, or the first ends at the level between two fluids. It is also chosen if the first has leaked.
+    Small pieces by which the first one differs are then added or removed if the edges around them support it
+    (`with_pieces`). If the chosen region ends at the level between two fluids (`find_fluid_level`), the layer behind
+    the level is added.
 
     With a threshold or a radius, only the first region is computed.
 
